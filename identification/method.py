@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from identification.recordings.schema import StudyBlock
 from identification.results import Summary
@@ -54,6 +54,13 @@ class Calibrated:
 
 StudyType = TypeVar("StudyType", bound=StudyBlock)
 ResultType = TypeVar("ResultType")
+
+
+def of_study(
+    calibrate: Callable[[Any, Path | None, Progress, Isolation | None], ResultType],
+) -> Callable[[Any, Path, Path | None, Progress, Isolation | None], ResultType]:
+    """The `run` of a method whose schema makes a study of a file, and that needs nothing but that and recordings."""
+    return lambda block, base, data, progress, isolation: calibrate(block.study(base), data, progress, isolation)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fmus import words
 from fmus.errors import InputError
 from fmus.packaging import archive, defaults
 from fmus.packaging.native import foreign_sources
@@ -235,14 +236,14 @@ def _about_texts(trace: Trace, name: str) -> InfoDocument:
     """How many different texts there are, the first of them, and how many are missing."""
     missing = int(np.isnan(trace[name]).sum())
     came = list(dict.fromkeys(text for text in trace.words(name) if text is not None))
-    shown = [text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..." for text in came[:_TEXTS]]
+    shown = [text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..." for text in came]
     return {
         "name": name,
         "unit": trace.unit(name) or "",
         "min": None,
         "max": None,
         **({"missing": missing} if missing else {}),
-        "texts": ", ".join(shown) + (f" and {len(came) - _TEXTS} more" if len(came) > _TEXTS else ""),
+        "texts": words.listed(shown, _TEXTS),
     }
 
 

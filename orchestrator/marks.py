@@ -58,9 +58,7 @@ class Mark:
 
 def listed(marks: Sequence[Mark], most: int = 3) -> str:
     """The longest marks, in words."""
-    longest = sorted(marks, key=lambda mark: mark.start - mark.stop)[:most]
-    more = f", and {len(marks) - most} more" if len(marks) > most else ""
-    return ", ".join(map(str, longest)) + more
+    return words.listed([str(mark) for mark in sorted(marks, key=lambda mark: mark.start - mark.stop)], most)
 
 
 def union(stretches: FloatArray) -> FloatArray:

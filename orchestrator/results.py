@@ -16,6 +16,7 @@ from typing import Any, NotRequired, TypedDict
 
 from fmus.errors import InputError
 from fmus.owned import MARK, owned_folder
+from fmus.words import listed
 from orchestrator.processes import last_words
 
 PACKAGES = ("servotwin", "fmpy", "pythonfmu", "numpy", "scipy", "sympy", "control")
@@ -216,10 +217,9 @@ def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = 
         if not any(_is_ours(place / mark) for mark in MARKS):
             raise InputError(target, "is not empty and holds no result", "give another --out, or --force to replace it")
         if replaces and (foreign := list(_foreign(place, place, _written(place)))):
-            others = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
             raise InputError(
                 target,
-                f"holds {foreign[0]}{others}, which no command of ours wrote so",
+                f"holds {listed(foreign, 1)}, which no command of ours wrote so",
                 "move that away, give another --out, or --force to replace all",
             )
     with aside(target) as near:

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from identification.inverse_dynamics.calibration import InverseCalibration, calibrate
 from identification.inverse_dynamics.report import report
 from identification.inverse_dynamics.results import calibrated, summary
 from identification.inverse_dynamics.schema import InverseDynamicsBlock
-from identification.method import Method
-from orchestrator.fmi.isolation import Isolation
-from orchestrator.progress import Progress
-
-
-def _run(
-    block: InverseDynamicsBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
-) -> InverseCalibration:
-    return calibrate(block.study(base), data, progress, isolation)
-
+from identification.method import Method, of_study
 
 METHOD: Method[InverseDynamicsBlock, InverseCalibration] = Method(
-    InverseDynamicsBlock, _run, summary, report, calibrated
+    InverseDynamicsBlock, of_study(calibrate), summary, report, calibrated
 )

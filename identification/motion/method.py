@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from identification.method import Method
+from identification.method import Method, of_study
 from identification.motion.calibration import MotionCalibration, calibrate
 from identification.motion.report import report
 from identification.motion.results import calibrated, summary
 from identification.motion.schema import MotionBlock
-from orchestrator.fmi.isolation import Isolation
-from orchestrator.progress import Progress
 
-
-def _run(
-    block: MotionBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
-) -> MotionCalibration:
-    return calibrate(block.study(base), data, progress, isolation)
-
-
-METHOD: Method[MotionBlock, MotionCalibration] = Method(MotionBlock, _run, summary, report, calibrated)
+METHOD: Method[MotionBlock, MotionCalibration] = Method(MotionBlock, of_study(calibrate), summary, report, calibrated)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from fmus.errors import ScenarioError, TraceError, WiringError
+from fmus.words import listed
 from identification.output_error.search.problem import Window, spread_weights
 from identification.output_error.study import (
     FreeRunSpec,
@@ -176,9 +177,9 @@ def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace]
         odd = [trace for trace in traces if span is not None and rounded(span, trace.interval, step)]
         if span is not None and odd:
             between = odd[0].interval
-            steps, more = float(on_raster(span, between, step)), f" and {len(odd) - 1} more" if len(odd) > 1 else ""
+            steps, names = float(on_raster(span, between, step)), listed([trace.name for trace in odd], 1)
             said.append(
-                f"{place}.{key}: {stated(span)} of {odd[0].name}{more} last {lasting(span, between):.6g} s, "
+                f"{place}.{key}: {stated(span)} of {names} last {lasting(span, between):.6g} s, "
                 f"which whole steps make {steps:g} s"
             )
     return said

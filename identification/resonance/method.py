@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from identification.method import Method
+from identification.method import Method, of_study
 from identification.resonance.calibration import ResonanceCalibration, calibrate, calibrated, report, summary
 from identification.resonance.schema import ResonanceBlock
-from orchestrator.fmi.isolation import Isolation
-from orchestrator.progress import Progress
 
-
-def _run(
-    block: ResonanceBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
-) -> ResonanceCalibration:
-    return calibrate(block.study(base), data, progress, isolation)
-
-
-METHOD: Method[ResonanceBlock, ResonanceCalibration] = Method(ResonanceBlock, _run, summary, report, calibrated)
+METHOD: Method[ResonanceBlock, ResonanceCalibration] = Method(
+    ResonanceBlock, of_study(calibrate), summary, report, calibrated
+)

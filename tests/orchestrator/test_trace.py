@@ -1,4 +1,4 @@
-"""What a trace promises, and what becomes of recordings whose stamps are not in order."""
+"""What a trace promises."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import pickle
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,9 +17,6 @@ from fmus.errors import InputError, TraceError
 from orchestrator.stamps import ordered
 from orchestrator.trace import FloatArray, Trace, usable
 
-STAMPS = st.lists(st.sampled_from([k * 0.25 for k in range(12)]), min_size=2, max_size=30).filter(
-    lambda stamps: len(set(stamps)) > 1
-)
 INCREASING = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30, unique=True).map(sorted)
 
 
@@ -119,69 +115,6 @@ def test_a_plot_has_a_window_a_signal_with_its_unit() -> None:
     assert [curve.name for curve in figure.data] == ["angle", "mode"]
     assert (figure.layout.yaxis.title.text, figure.layout.yaxis2.title.text) == ("angle [rad]", "mode")
     assert np.array_equal(figure.data[0].x, ramp().time) and np.array_equal(figure.data[0].y, ramp()["angle"])
-
-
-@given(STAMPS)
-def test_ordered_stamps_increase_strictly_and_none_is_invented_or_lost(stamps: list[float]) -> None:
-    trace, _ = ordered(stamps, {})
-    assert trace.time.tolist() == sorted(set(stamps))
-
-
-@given(STAMPS)
-def test_of_samples_with_one_stamp_the_last_recorded_is_kept(stamps: list[float]) -> None:
-    trace, _ = ordered(stamps, {"row": np.arange(len(stamps))})
-    last = {stamp: row for row, stamp in enumerate(stamps)}
-    assert trace["row"].tolist() == [last[stamp] for stamp in sorted(last)]
-
-
-@given(STAMPS)
-def test_stamp_report_counts_what_was_done(stamps: list[float]) -> None:
-    trace, report = ordered(stamps, {})
-    assert report.samples == len(stamps)
-    assert report.repeated == len(stamps) - len(trace)
-    assert report.backward == sum(b < a for a, b in pairwise(stamps))
-    assert report.mean_step == pytest.approx(trace.duration / (len(trace) - 1))
-    assert report.clean == (stamps == sorted(set(stamps)))
-
-
-@given(INCREASING)
-def test_an_ordered_recording_is_left_as_it_is(stamps: list[float]) -> None:
-    values = np.sin(stamps)
-    trace, report = ordered(stamps, {"a": values}, {"a": "rad"}, "clean")
-    assert report.clean
-    assert np.array_equal(trace.time, stamps)
-    assert np.array_equal(trace["a"], values)
-    assert (trace.unit("a"), trace.name) == ("rad", "clean")
-
-
-def test_stamp_report_says_in_words_what_was_done() -> None:
-    _, report = ordered([0.0, 0.2, 0.1, 0.1], {})
-    assert str(report) == (
-        "4 samples, mean step 0.1 s, largest gap 0.1 s, "
-        "1 repeated stamps (the last sample of each kept), 1 stamps out of order (sorted)"
-    )
-
-
-@pytest.mark.parametrize(
-    ("time", "problem"),
-    [
-        ([], "holds no samples"),
-        ([1.0, 1.0, 1.0], "fewer than two distinct"),
-        ([0.0, np.nan, 1.0], "time stamp 2 is nan"),
-        ([0.0, 1.0, -np.inf], "time stamp 3 is -inf"),
-        ([0.0, 1e300], "time stamp 2 is 1e"),
-        ([[0.0, 1.0]], "shape"),
-    ],
-)
-def test_stamps_that_are_no_times_are_refused(time: list[float], problem: str) -> None:
-    with pytest.raises(TraceError, match=problem):
-        ordered(time, {})
-
-
-@pytest.mark.parametrize("rows", [2, 4])
-def test_a_column_of_another_length_is_refused_not_cut(rows: int) -> None:
-    with pytest.raises(TraceError, match=r"log\.a: has shape"):
-        ordered([0.0, 1.0, 2.0], {"a": np.zeros(rows)}, name="log")
 
 
 @pytest.mark.parametrize("time", [[0.0, 0.0], [1.0, 0.0], [0.0, np.nan], [[0.0, 1.0]]])

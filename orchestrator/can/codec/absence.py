@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from fmus.errors import TraceError
+from fmus.words import listed
 from orchestrator.can.database.addressing import j1939
 from orchestrator.can.database.message import MessageSpec
 from orchestrator.can.statistics import FrameStatistics, identifier_text
@@ -36,7 +37,7 @@ class AbsentError(TraceError):
             identifiers: of all frames in the log, whatever their channel.
         """
         found = [f"{message.name}: {why}" for message in self.messages if (why := self._why(message, identifiers))]
-        return "; ".join(found[:most]) + (f"; and {len(found) - most} more" if len(found) > most else "")
+        return listed(found, most, "; ")
 
     def _why(self, message: MessageSpec, identifiers: Collection[str]) -> str:
         name, statistics, identifier = message.name, self.statistics, identifier_text(message.id, message.extended)

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fmus.errors import DatabaseError
+from fmus.words import listed
 from orchestrator.can.codec.absence import AbsentError
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import Database
@@ -139,9 +140,8 @@ class SignalNames:
         for signal, streams in self._streams.items():
             names = [self.name(stream, signal) for stream in streams]
             if len(names) > 1 and streams[0].message not in told:
-                origins = " and ".join(name.removesuffix(f".{signal}") for name in names[:5])
-                more = f" and {len(names) - 5} more" if len(names) > 5 else ""
-                told[streams[0].message] = f"comes from {origins}{more}, which are kept apart as {names[0]}, {names[1]}"
+                origins = listed([name.removesuffix(f".{signal}") for name in names], 5, " and ")
+                told[streams[0].message] = f"comes from {origins}, which are kept apart as {names[0]}, {names[1]}"
         idle = [f"no frame comes over channel {channel}, which has a database of its own" for channel in self._silent]
         return [*idle, *(f"message {message} {text}" for message, text in told.items())]
 

@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from fmus.words import listed
 from orchestrator import measures
 from orchestrator.fmi.interface import Port
 from orchestrator.measures.events import Direction
@@ -95,8 +96,7 @@ class Events(Block, Condition):
 
 
 def _listed(stamps: FloatArray) -> str:
-    more = f" and {len(stamps) - SHOWN} more" if len(stamps) > SHOWN else ""
-    return ", ".join(f"{stamp:.6g}" for stamp in stamps[:SHOWN]) + f"{more} s"
+    return f"{listed([f'{stamp:.6g}' for stamp in stamps], SHOWN)} s"
 
 
 class Crossings(Events):
@@ -176,8 +176,7 @@ class ModeChanges(Events):
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         seen = [float(values[0]), *measures.changes(time, values)[1].tolist()]
         if self.modes is not None and seen != self.modes:
-            more = f" and {len(seen) - SHOWN} more" if len(seen) > SHOWN else ""
-            return Judgement(False, f"modes {', '.join(f'{mode:g}' for mode in seen[:SHOWN])}{more}")
+            return Judgement(False, f"modes {listed([f'{mode:g}' for mode in seen], SHOWN)}")
         return super().judged(time, values, hold, draws)
 
 
