@@ -73,8 +73,12 @@ CASES = {
             Step(
                 "python run.py; code=$?; umount -l ../common/small; exit $code",
                 0,
-                [r"rc 3 \(?'?.*\.(blf|asc|log|mf4)?", r"\n(failed|disk)[^\n]* [1-9]\d* "],
-                ["file: No space", r"\nunfinished"],
+                [
+                    r"rc 3\b",
+                    r"\.blf: cannot be written \(No space left[^\n]*\d+ frames up to there are kept",
+                    r"\nfailed \d",
+                ],
+                ["servotwin: file:", r"\nunfinished"],
             ),
         ],
     ),
