@@ -23,6 +23,7 @@ from orchestrator.scenario.schema import load_scenario
 from orchestrator.ssp.checking import check
 from orchestrator.trace import Trace
 from tests.support.can.can_samples import DBC, any_frames
+from tests.support.can.canopen_devices import EDS
 from tests.support.can.text_logs import KINDS, text_of
 from tests.support.simulation import ssps
 
@@ -211,6 +212,7 @@ TARGETS: dict[str, Target] = {
     **{f"ssp{suffix}": _ssp(suffix) for suffix in SSP_FILES},
     "dbc": Target(".dbc", load_database, _databases),
     "arxml": Target(".arxml", load_database, _arxml),
+    "eds": Target(".eds", load_database, lambda folder: iter([EDS.encode()])),
     "kcd": Target(".kcd", load_database, _converted(".kcd")),
     "sym": Target(".sym", load_database, _converted(".sym")),
     **{

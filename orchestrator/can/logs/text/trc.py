@@ -121,7 +121,7 @@ def _many(lines: TextLines, state: TrcState, reading: LogReading) -> FoundRows:
     if "l" not in columns:
         length = np.where(fd, LENGTHS[np.minimum(length, 15)], np.minimum(length, CLASSIC))
     length = np.where(told, length, 255)
-    known = known & ~lines.equal(cells("D"), "rtr")
+    known = known & ~lines.equal(cells("D"), "rtr") & (lines.starts(words[0]) != ord(";"))
     data = lines.octet_words(columns["D"], length, 16, LONGEST if fd.any() else CLASSIC)
     return found((time / 1e3, right), identifier, flags, channel - 1, length, data, named & numbered & told & known)
 

@@ -53,6 +53,12 @@ def test_candump_tells_channels_and_every_error_frame(tmp_path: Path) -> None:
     assert frames.flags[2] == Flag.EXTENDED | Flag.FD | Flag.BITRATE_SWITCH
 
 
+def test_a_frame_that_is_commented_out_of_a_trc_is_none_in_a_long_log_either(tmp_path: Path) -> None:
+    lines = [f"{';' * (n == 7)}{n})  {n}.0 Rx 0123 1 {n:02X}\n" for n in range(40)]
+    (tmp_path / "a.trc").write_text(";$FILEVERSION=1.1\n" + "".join(lines))
+    assert all_of(logs.read(tmp_path / "a.trc")).data[:, 0].tolist() == [n for n in range(40) if n != 7]
+
+
 def test_candump_prints_bytes_as_binary_digits_and_last_first(tmp_path: Path) -> None:
     (tmp_path / "a.log").write_text(
         " (1.0)  can0  123   [2]  00000010 11101000\n"

@@ -46,6 +46,7 @@ def both_ways(path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[tuple[Frames
 @pytest.mark.parametrize("kind", KINDS)
 @quick
 @example(choices=[0, 1, 1], changes=[(331, b"\0")])
+@example(choices=[0], changes=[(0, b"\x01;")])
 @example(choices=[0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 3, 9], changes=[(4752, b"\1")])
 @given(
     choices=st.lists(st.integers(0, 11), min_size=1, max_size=40),
