@@ -17,6 +17,7 @@ from fmus.packaging import archive, defaults
 from fmus.packaging.native import foreign_sources
 from fmus.parameters.related import related, state
 from orchestrator.can.log_suffixes import is_log
+from orchestrator.fmi import terminals
 from orchestrator.marks import listed
 from orchestrator.progress import Progress, silent
 from orchestrator.rational import written
@@ -75,6 +76,7 @@ def about_fmu(path: Path) -> InfoDocument:
         "outputs": _ports(interface, "output"),
         "parameters": _ports(interface, "parameter"),
         **_about_others(interface),
+        **_about_terminals(fmu.path),
         "units": _about_units(interface),
     }
     if along := related(str(path), files):
@@ -141,17 +143,28 @@ def _about_units(interface: Interface) -> list[InfoDocument]:
 
 
 def _about_others(interface: Interface) -> InfoDocument:
-    """What there is beside inputs, outputs and parameters: what gives arrays their sizes, and what is left alone."""
+    """What there is beside inputs, outputs and parameters: what gives arrays their sizes, and what is no number."""
     alone = [port for port in interface.ports.values() if port.alone]
     lists = {
         "structural parameters": _ports(interface, "structuralParameter"),
         f"clocks{'' if interface.event_mode else ' (never ticked)'}": [
             {**_alone(port), **_ticking(interface.clocks[port.name])} for port in alone if port.type == "Clock"
         ],
-        "binary variables (left alone)": [_alone(port) for port in alone if port.type == "Binary"],
+        "binary variables": [_alone(port) for port in alone if port.type == "Binary"],
         "left out": [{"name": name, "why": why} for name, why in interface.left_out.items()],
     }
     return {key: entries for key, entries in lists.items() if entries}
+
+
+def _about_terminals(path: Path) -> InfoDocument:
+    """Its terminals, with their members and those of the terminals within."""
+    entries: list[InfoDocument] = []
+    for terminal in terminals.read(path).values():
+        inner = [f"{name} ({', '.join(one.members)})" for name, one in terminal.inner.items()]
+        entries.append(
+            {"name": terminal.name, "kind": terminal.kind, "members": ", ".join([*terminal.members, *inner])}
+        )
+    return {"terminals": entries} if entries else {}
 
 
 def _ticking(clock: Clock) -> InfoDocument:

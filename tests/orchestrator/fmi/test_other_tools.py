@@ -98,7 +98,7 @@ def test_clocks_and_binary_inputs_are_left_alone_and_told(
     path = arrays.build(tmp_path, ('<Float64 name="y"', clock + binary + '<Float64 name="y"'), types)
     document: Any = about(path)
     assert [entry["name"] for entry in document["clocks (never ticked)"]] == ["tick"]
-    assert [entry["name"] for entry in document["binary variables (left alone)"]] == ["frames"]
+    assert [entry["name"] for entry in document["binary variables"]] == ["frames"]
     assert not {"tick", "frames"} & {entry["name"] for entry in document["inputs"]}
     name = f"c{len(declared)}"  # a remark is made once
     with open_system({name: path}) as system:

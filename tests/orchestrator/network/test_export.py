@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import json
 import re
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +28,7 @@ from fmus.packaging.native import compiler
 from orchestrator.can.database.protection import checksum
 from orchestrator.can.ls_bus.operations import Transmit, TransmitFd, decoded, encoded
 from orchestrator.engine import Result
+from orchestrator.info import about
 from orchestrator.network.export import exported
 from orchestrator.scenario.run import run_scenario
 from tests.support.commands import servotwin
@@ -260,14 +263,22 @@ def test_without_event_mode_it_steps_and_says_that_it_is_on_no_bus(built: dict[s
     assert any("exchanges nothing with its bus" in line for line in said)
 
 
+def test_what_there_is_in_it_tells_of_its_terminal(built: dict[str, Path]) -> None:
+    document: Any = about(built["giver"])
+    (terminal,) = document["terminals"]
+    assert (terminal["name"], terminal["kind"]) == ("lines", "org.fmi-ls-bus.network-terminal")
+    assert terminal["members"] == "Rx_Clock, Rx_Data, Tx_Clock, Tx_Data, Configuration (BusNotifications)"
+
+
 def test_the_sources_of_its_bus_compile_without_a_warning(built: dict[str, Path], tmp_path: Path) -> None:
     for name, text in archive.read(built["taker"]).items():
         if name.startswith("sources/"):
             (tmp_path / Path(name).name).write_bytes(text)
     strict = ["-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only"]
     command = compiler.command_for(compiler.host())
-    for unit in sorted(tmp_path.glob("*network.c")):
-        done = subprocess.run([*command, "-std=c99", *strict, str(unit)], capture_output=True, text=True, check=False)
+    languages = [["-std=c99"], *([["-x", "c++", "-std=c++17"]] if shutil.which("c++") else [])]
+    for language, unit in itertools.product(languages, sorted(tmp_path.glob("*network.c"))):
+        done = subprocess.run([*command, *language, *strict, str(unit)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
 
 

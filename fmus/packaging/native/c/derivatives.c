@@ -5,6 +5,10 @@
 
 #include "late.h"
 
+#ifdef __cplusplus
+#define restrict /* which C++ does not know */
+#endif
+
 /* At an instant */
 
 static Status check_places(Instance *it, const unsigned unknowns[], size_t rows, const unsigned knowns[], size_t columns)
@@ -166,7 +170,7 @@ static const char *obstacle(const Instance *it, unsigned reference)
     for (int i = 0; i < N_DELAYS; i++)
         if ((int)reference == model_delays[i].seconds || (int)reference == model_delays[i].before)
             return "it decides what of an input acts, and when";
-    return N_SAMPLED && (int)reference == SAMPLE_TIME ? "it decides when samples are taken" : NULL;
+    return N_SAMPLED > 0 && (int)reference == SAMPLE_TIME ? "it decides when samples are taken" : NULL;
 }
 
 /* Note which lanes of an input's or parameter's row are other than 0: most parameters move along one direction. */

@@ -98,7 +98,7 @@ static int digit(char c)
 static char *path_of(const char *uri)
 {
     const int is_uri = strncmp(uri, "file:", 5) == 0;
-    char *path = malloc(strlen(uri) + 1), *end = path;
+    char *path = (char *)malloc(strlen(uri) + 1), *end = path;
     if (!path)
         return NULL;
     if (is_uri) {
@@ -124,7 +124,7 @@ static char *path_of(const char *uri)
 
 static char *copy_of(const char *text)
 {
-    char *copy = malloc(strlen(text) + 1);
+    char *copy = (char *)malloc(strlen(text) + 1);
     return copy ? strcpy(copy, text) : NULL;
 }
 
@@ -133,7 +133,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
                               fmi2Boolean visible, fmi2Boolean loggingOn)
 {
     (void)visible;
-    Component *c = functions ? calloc(1, sizeof *c) : NULL;
+    Component *c = functions ? (Component *)calloc(1, sizeof *c) : NULL;
     if (!c)
         return NULL;
     Instance *it = &c->instance;

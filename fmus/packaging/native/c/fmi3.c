@@ -74,7 +74,7 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, siz
 static Component *instantiate(fmi3String token, fmi3String resourcePath, fmi3Boolean loggingOn,
                               fmi3InstanceEnvironment environment, fmi3LogMessageCallback log, int model_exchange)
 {
-    Component *c = calloc(1, sizeof *c);
+    Component *c = (Component *)calloc(1, sizeof *c);
     if (!c)
         return NULL;
     c->instance.report = report;

@@ -138,10 +138,10 @@ static Status prepare(Instance *it, double time)
     Snapshot *s = &it->now;
     if (check_requirements(it, time))
         return STATUS_ERROR;
-    s->longest = N_CONTINUOUS ? model_solver_step(s->values, it->tables) : INFINITY;
+    s->longest = N_CONTINUOUS > 0 ? model_solver_step(s->values, it->tables) : INFINITY;
     if (!(s->longest > 0))
         return instance_fail(it, "the solver's step would be %g s", s->longest);
-    if (N_CONTINUOUS)
+    if (N_CONTINUOUS > 0)
         instance_event(it, "inner steps are at most %g s long", s->longest);
     s->stepped = 1;
     return STATUS_OK;
@@ -170,7 +170,7 @@ static void runge_kutta(Instance *it, const double *constants, double t, double 
 
 static Status integrate(Instance *it, double time, double duration)
 {
-    if (!N_CONTINUOUS || !(duration > 0))
+    if (N_CONTINUOUS == 0 || !(duration > 0))
         return STATUS_OK;
     const double count = maximum(1.0, ceil(duration / it->now.longest - 1e-9));
     const double inner = duration / count;
@@ -202,9 +202,9 @@ Status instance_check_states(Instance *it)
 /* The sample period [s]. */
 static Status get_period(Instance *it, double *period)
 {
-    *period = it->now.values[N_SAMPLED ? SAMPLE_TIME : 0];
+    *period = it->now.values[N_SAMPLED > 0 ? SAMPLE_TIME : 0];
     if (!(*period > 0))
-        return instance_fail(it, "'%s' is %g s", model_variables[N_SAMPLED ? SAMPLE_TIME : 0].name, *period);
+        return instance_fail(it, "'%s' is %g s", model_variables[N_SAMPLED > 0 ? SAMPLE_TIME : 0].name, *period);
     return STATUS_OK;
 }
 
@@ -235,7 +235,7 @@ static Status go_on(Instance *it, double time, double end)
 {
     Snapshot *s = &it->now;
     double now = time;
-    if (N_SAMPLED) {
+    if (N_SAMPLED > 0) {
         double due, period;
         if (get_period(it, &period))
             return STATUS_ERROR;

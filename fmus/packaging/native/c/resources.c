@@ -109,11 +109,11 @@ static int grow(Table *table)
     if (count & (count - 1))
         return 1;
     const size_t room = count ? 2 * count : 1;
-    double *time = room <= MOST_SAMPLES ? realloc(table->time, room * sizeof *time) : NULL;
+    double *time = room <= MOST_SAMPLES ? (double *)realloc(table->time, room * sizeof *time) : NULL;
     if (!time)
         return 0;
     table->time = time;
-    double *value = realloc(table->value, room * sizeof *value);
+    double *value = (double *)realloc(table->value, room * sizeof *value);
     if (!value)
         return 0;
     table->value = value;

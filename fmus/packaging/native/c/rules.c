@@ -112,7 +112,7 @@ const char *instance_obstacle(const Instance *it, const Variable *variable)
 
 uint64_t instance_checksum(const void *bytes, size_t size)
 {
-    const unsigned char *byte = bytes;
+    const unsigned char *byte = (const unsigned char *)bytes;
     uint64_t hash = UINT64_C(14695981039346656037);
     for (size_t i = 0; i < size; i++)
         hash = (hash ^ byte[i]) * UINT64_C(1099511628211);

@@ -20,14 +20,14 @@ static void pass_on(Instance *it, Status status, const char *category, const cha
 static void part_close(void *part)
 {
     if (part)
-        instance_close(part);
+        instance_close((Instance *)part);
     free(part);
 }
 
 static void *part_open(void *owner, int number, PartReport *listener, const char *tables)
 {
     Problem problem;
-    Part *part = calloc(1, sizeof *part);
+    Part *part = (Part *)calloc(1, sizeof *part);
     if (!part)
         return NULL;
     Instance *it = &part->instance;
@@ -49,22 +49,22 @@ static void *part_open(void *owner, int number, PartReport *listener, const char
 
 static void part_reset(void *part)
 {
-    instance_reset(part);
+    instance_reset((Instance *)part);
 }
 
 static Status part_begin(void *part, double time)
 {
-    return instance_begin(part, time);
+    return instance_begin((Instance *)part, time);
 }
 
 static Status part_set(void *part, unsigned reference, double value)
 {
-    return instance_set(part, reference, ANY_TYPE, value);
+    return instance_set((Instance *)part, reference, ANY_TYPE, value);
 }
 
 static void part_evaluate(void *part)
 {
-    Instance *it = part;
+    Instance *it = (Instance *)part;
     it->now.valid = 0;
     evaluate_outputs(it);
 }
@@ -81,22 +81,22 @@ static void *part_snapshot(void *part)
 
 static Status part_step(void *part, double time, double duration)
 {
-    return instance_step(part, time, duration);
+    return instance_step((Instance *)part, time, duration);
 }
 
 static Status part_carry(void *part, size_t directions)
 {
-    return instance_carry(part, directions);
+    return instance_carry((Instance *)part, directions);
 }
 
 static Status part_set_tangents(void *part, unsigned reference, const double *tangents)
 {
-    return instance_set_tangents(part, &reference, 1, tangents);
+    return instance_set_tangents((Instance *)part, &reference, 1, tangents);
 }
 
 static Status part_get_tangents(void *part, unsigned reference, double *tangents)
 {
-    return instance_get_tangents(part, &reference, 1, tangents);
+    return instance_get_tangents((Instance *)part, &reference, 1, tangents);
 }
 
 const PartModel PART_MODEL = {

@@ -22,7 +22,7 @@ typedef struct {
 
 static void said(void *owner, int number, Status status, const char *category, const char *message)
 {
-    Instance *it = owner;
+    Instance *it = (Instance *)owner;
     char text[1200];
     if (status == STATUS_OK && !it->logging)
         return;
@@ -32,10 +32,10 @@ static void said(void *owner, int number, Status status, const char *category, c
 
 static Status open_part(Instance *it, int i, const char *resources)
 {
-    Parts *parts = it->parts;
+    Parts *parts = (Parts *)it->parts;
     const char *name = system_parts[i].name;
     const size_t size = strlen(resources) + strlen(name) + 2;
-    char *folder = malloc(size);
+    char *folder = (char *)malloc(size);
     if (!folder)
         return instance_error(it, "no memory");
     snprintf(folder, size, "%s/%s", resources, name);
@@ -68,7 +68,7 @@ Status instance_open(Instance *it, const char *token, const char *resources)
 
 void instance_close(Instance *it)
 {
-    Parts *parts = it->parts;
+    Parts *parts = (Parts *)it->parts;
     for (int i = 0; parts && i < N_PARTS; i++)
         system_parts[i].model->close(parts->part[i]);
     free(parts);
@@ -78,7 +78,7 @@ void instance_close(Instance *it)
 
 void instance_reset(Instance *it)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     instance_carry(it, 0);
     memset(&it->now, 0, sizeof it->now);
     memcpy(it->now.values, it->defaults, sizeof it->defaults);
@@ -95,7 +95,7 @@ void instance_reset(Instance *it)
 
 Status instance_begin(Instance *it, double time)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     Snapshot *s = &it->now;
     for (int i = 0; i < N_PARTS; i++)
         if (system_parts[i].model->begin(parts->part[i], time))
@@ -128,7 +128,7 @@ static double *row(const Tangents *of, int reference)
 /* Give a part the tangents of its inputs. */
 static Status take_tangents(Instance *it, int i)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     const Tangents *of = &it->tangents;
     for (const Feed *feed = system_parts[i].feeds; feed->input >= 0; feed++) {
         for (size_t d = 0; d < of->directions; d++)
@@ -142,7 +142,7 @@ static Status take_tangents(Instance *it, int i)
 /* Have the tangents of a part's outputs hold. */
 static Status give_tangents(Instance *it, int i)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     for (const int *output = system_parts[i].outputs; *output >= 0; output++) {
         const unsigned own = (unsigned)(*output - system_parts[i].first);
         if (system_parts[i].model->get_tangents(parts->part[i], own, row(&it->tangents, *output)))
@@ -155,7 +155,7 @@ static Status give_tangents(Instance *it, int i)
 static Status settle_tangents(Instance *it)
 {
     const size_t count = N_VARIABLES * it->tangents.directions, size = count * sizeof(double);
-    double *before = malloc(size);
+    double *before = (double *)malloc(size);
     int turn = 0, going = 1;
     for (; before && going && turn <= N_PARTS + CIRCLES; turn++) {
         memcpy(before, it->tangents.known, size);
@@ -173,7 +173,7 @@ static Status settle_tangents(Instance *it)
 /* Pass outputs to inputs until nothing changes: a chain of n parts is through after n passes. */
 static Status settle(Instance *it)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     Snapshot *s = &it->now;
     double before[N_VARIABLES];
     for (int turn = 0; turn <= N_PARTS + CIRCLES; turn++) {
@@ -213,7 +213,7 @@ static int part_of(int reference)
 
 Status instance_set(Instance *it, unsigned reference, int types, double value)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     const Variable *variable = instance_find(it, reference, types);
     const char *problem = variable ? instance_obstacle(it, variable) : NULL;
     if (!variable)
@@ -230,12 +230,12 @@ Status instance_set(Instance *it, unsigned reference, int types, double value)
 
 Status instance_carry(Instance *it, size_t directions)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     Tangents *of = &it->tangents;
     free(of->known);
     memset(of, 0, sizeof *of);
     it->now.valid = 0;
-    if (directions && !(of->known = calloc(directions, (N_VARIABLES + 1) * sizeof *of->known)))
+    if (directions && !(of->known = (double *)calloc(directions, (N_VARIABLES + 1) * sizeof *of->known)))
         return instance_error(it, "no memory for the tangents along %lu directions", (unsigned long)directions);
     for (int i = 0; i < N_PARTS; i++)
         if (system_parts[i].model->carry(parts->part[i], directions))
@@ -247,7 +247,7 @@ Status instance_carry(Instance *it, size_t directions)
 
 Status instance_set_tangents(Instance *it, const unsigned references[], size_t count, const double tangents[])
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     const Tangents *of = &it->tangents;
     for (size_t k = 0; k < count; k++) {
         const unsigned reference = references[k];
@@ -305,7 +305,7 @@ static Status check_finite(Instance *it, const Part *part, double sum)
 /* Have a part's outputs hold. */
 static Status pass_on(Instance *it, int i)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     if (check_finite(it, &system_parts[i], system_parts[i].give(parts->values[i], it->now.values)))
         return STATUS_ERROR;
     return it->tangents.directions ? give_tangents(it, i) : STATUS_OK;
@@ -325,7 +325,7 @@ static Status prepare(Instance *it)
 /* One base step: the parts that are due, in their order; outputs that are not instant hold once their step is over. */
 static Status advance(Instance *it)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     Snapshot *s = &it->now;
     const int64_t tick = (int64_t)s->samples;
     const int carries = it->tangents.directions > 0;
@@ -386,12 +386,12 @@ static size_t size_of_state(void)
 
 Status instance_save(Instance *it, void **state)
 {
-    const Parts *parts = it->parts;
+    const Parts *parts = (const Parts *)it->parts;
     if (!state)
         return instance_error(it, "there is no place for the state");
     if (!*state && !(*state = malloc(size_of_state())))
         return instance_error(it, "no memory for the state");
-    char *to = *state;
+    char *to = (char *)*state;
     memcpy(to, &it->now, sizeof it->now);
     to += sizeof it->now;
     for (int i = 0; i < N_PARTS; to += system_parts[i].model->size, i++)
@@ -401,8 +401,8 @@ Status instance_save(Instance *it, void **state)
 
 Status instance_restore(Instance *it, const void *state)
 {
-    const Parts *parts = it->parts;
-    const char *from = state;
+    const Parts *parts = (const Parts *)it->parts;
+    const char *from = (const char *)state;
     if (!state)
         return instance_error(it, "there is no state to go back to");
     if (it->tangents.directions)
@@ -424,7 +424,7 @@ size_t instance_serialized_size(void)
 
 Status instance_serialize(Instance *it, const void *state, void *bytes, size_t size)
 {
-    char *to = bytes;
+    char *to = (char *)bytes;
     if (!state || !bytes || size < instance_serialized_size())
         return instance_error(it, "a serialised state needs %lu bytes", (unsigned long)instance_serialized_size());
     memcpy(to + SUM, MODEL_TOKEN, sizeof MODEL_TOKEN);
@@ -436,7 +436,7 @@ Status instance_serialize(Instance *it, const void *state, void *bytes, size_t s
 
 Status instance_deserialize(Instance *it, const void *bytes, size_t size, void **state)
 {
-    const char *from = bytes;
+    const char *from = (const char *)bytes;
     uint64_t checksum;
     if (!bytes || size < instance_serialized_size())
         return instance_error(it, "a serialised state has %lu bytes", (unsigned long)instance_serialized_size());
