@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from identification.design.summary import DesignSummary
     from identification.fits import FitSummary
     from identification.output_error.results import OutputErrorSummary
-    from identification.results import ClaimsSummary, FitsSummary, Summary, ValidationSummary, VerdictSummary
+    from identification.results import ClaimsSummary, Summary, ValidationSummary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
     from identification.tuning.summary import RigSummary, TuningSummary
 
@@ -61,12 +61,13 @@ def calibrate(
         fix = f"{stop.fix}; what had been estimated is in {folder}, not validated".removeprefix("; ")
         raise FmuError(stop.place, stop.problem, fix) from stop
     fmus = f"FMUs in {folder / 'fmus'}, " if (folder / "fmus").is_dir() else ""
+    fit = document["fit"]
     shown: list[Listing | str] = [
         _table(document),
         *_candidates(document),
         *_windows(document),
         *_given(document),
-        *_fits(document["fit"]),
+        *_fits({side: fit[side] for side in ("train", "validation") if side in fit}, fit.get("compared", {})),
         *_remarks(document),
     ]
     shown.append(f"{fmus}report in {folder / 'report.html'}")
@@ -88,7 +89,7 @@ def validate(
     target = out or folder / "validation"
     with terminal.bar("validating") as move:
         document = validate_result(folder, data, target, move, isolate.isolation())
-    shown: list[Listing | str] = [*_fits(document["fit"]), *_remarks(document)]
+    shown: list[Listing | str] = [*_fits(document["fit"], {}), *_remarks(document)]
     shown.append(f"report in {target / 'report.html'}")
     return _judged(document, document["verdict"], shown)
 
@@ -245,8 +246,10 @@ def _windows(document: Summary) -> list[str]:
     """How recordings have chosen windows, and what became of segments of these, where that is."""
     from identification.output_error.results import shooting_words, windows_words
 
+    if document["method"] != "output-error":
+        return []
     made = cast("OutputErrorSummary", document)
-    windows, shot = made.get("windows"), cast("Mapping[str, Any]", made).get("search", {}).get("shooting")
+    windows, shot = made.get("windows"), made["search"].get("shooting")
     said = [windows_words(windows)] if windows else []
     return [f"note: {words}" for words in (*said, *([shooting_words(shot)] if shot else []))]
 
@@ -281,22 +284,20 @@ def _claims(document: ClaimsSummary) -> Listing:
     return Listing(("claim", "outcome", "comparisons"), rows, document["title"])
 
 
-def _fits(groups: FitsSummary | Mapping[str, FitSummary]) -> list[str]:
+def _fits(sides: Mapping[str, FitSummary | None], compared: Mapping[str, FitSummary]) -> list[str]:
     from identification.fits import told
 
     lines = []
-    for group, judged in cast("Mapping[str, Any]", groups).items():
-        if group == "compared":
-            lines += [
-                f"median FIT of {name}: {_figure(fit['median'])}, worst {told(fit.get('worst'))}"
-                for name, fit in judged.items()
-            ]
-        elif judged is not None:
-            worst = f", worst {told(judged['worst'])}" if judged.get("worst") else ""
-            lines.append(f"median FIT, {group}: {_figure(judged['median'])} ({len(judged['traces'])} traces){worst}")
-            outputs = judged.get("outputs", {})
+    for side, fit in sides.items():
+        if fit is not None:
+            worst = f", worst {told(fit['worst'])}" if fit.get("worst") else ""
+            lines.append(f"median FIT, {side}: {_figure(fit['median'])} ({len(fit['traces'])} traces){worst}")
+            outputs = fit.get("outputs", {})
             lines += [f"  {name}: {_figure(value)}" for name, value in outputs.items() if len(outputs) > 1]
-    return lines
+    return lines + [
+        f"median FIT of {name}: {_figure(fit['median'])}, worst {told(fit.get('worst'))}"
+        for name, fit in compared.items()
+    ]
 
 
 def _figure(value: float | None) -> str:

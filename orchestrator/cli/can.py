@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -250,19 +250,11 @@ def database(
     signals = declared(scenario, every)
     out.parent.mkdir(parents=True, exist_ok=True)
     generate(signals, out, fd)
-    document: dict[str, dict[str, Any]] = {
-        message.name: {
-            "identifier": message.id,
-            "length": message.length,
-            "period": message.cycle,
-            "signals": [signal.name for signal in message.signals],
-        }
-        for message in load(out).messages
-    }
-    rows = [
-        (name, f"{of['identifier']:03X}", f"{of['length']}", f"{of['period']:g}", ", ".join(of["signals"]))
-        for name, of in document.items()
-    ]
+    document, rows = {}, []
+    for one in load(out).messages:
+        names = [signal.name for signal in one.signals]
+        document[one.name] = {"identifier": one.id, "length": one.length, "period": one.cycle, "signals": names}
+        rows.append((one.name, f"{one.id:03X}", f"{one.length}", f"{one.cycle:g}", ", ".join(names)))
     table = Listing(("message", "identifier", "bytes", "period [s]", "signals"), rows)
     return Answer({"database": str(out), "messages": document}, [table, f"written to {out}"])
 

@@ -18,6 +18,7 @@ from orchestrator.processes.interrupts import whole
 if TYPE_CHECKING:
     from fmus.modelling.model import Model
     from orchestrator.engine import RunProfile
+    from orchestrator.fmi.interface import Value
     from orchestrator.fmi.isolation import Isolation
     from orchestrator.network.export import ExportedNetwork
     from orchestrator.progress import Progress
@@ -192,7 +193,7 @@ def run(
 class Running:
     """How a scenario is run, and what is kept of it; see `Keeping` and `run_scenario`."""
 
-    values: Mapping[str, Any]
+    values: Mapping[str, Value | list[Any]]
     stride: int = 1
     stream: bool = False
     profile: RunProfile | None = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -62,7 +61,7 @@ def _document(folder: Path) -> RawMap:
     return document
 
 
-def _covariance(folder: Path, document: dict[str, Any]) -> tuple[list[str], FloatArray]:
+def _covariance(folder: Path, document: RawMap) -> tuple[list[str], FloatArray]:
     """Names (n,) and their covariance (n, n), NaN where it is not known."""
     try:
         found = document["uncertainty"]["covariance"]
@@ -75,7 +74,7 @@ def _covariance(folder: Path, document: dict[str, Any]) -> tuple[list[str], Floa
         raise ScenarioError(folder, problem, "calibrate so, or give each parameter `normal` and `std`") from None
 
 
-def _scale(name: str, entry: dict[str, Any], place: FactorPlace) -> float:
+def _scale(name: str, entry: RawMap, place: FactorPlace) -> float:
     """By what a value in the calibration's unit becomes one in the variable's."""
     _, port = place.target(name)
     unit = str(entry.get("unit", "1"))
