@@ -73,6 +73,9 @@ def _with(head: TableHead, lines: Sequence[str], reading: LogReading) -> TableSt
         shift = 6 if stamps and not head.base64 and all(text.isdigit() for text in stamps) else 0
         if shift:
             reading.findings.note("stamps are whole numbers and count as microseconds")
+    names = [row[head.columns["id"]] for row in rows if len(row) > head.columns["id"]]
+    if names and all(name.isdecimal() and name[0] != "0" for name in names):
+        reading.findings.note("identifiers are taken for hexadecimal numbers")
     first = 0
     if "channel" in head.columns:
         channels = {_bare(row[head.columns["channel"]]) for row in rows if len(row) > head.columns["channel"]}

@@ -245,6 +245,14 @@ def test_differences_of_stamps_come_out_as_they_were_written(tmp_path: Path, suf
     ]
 
 
+@pytest.mark.parametrize(("name", "told"), [("291", True), ("0x123", False), ("1A3", False), ("00000123", False)])
+def test_identifiers_of_a_table_that_may_be_decimal_are_told(tmp_path: Path, name: str, told: bool) -> None:
+    (tmp_path / "a.csv").write_text(f"timestamp,id,dlc,data\n1.0,{name},1,01\n")
+    log = logs.read(tmp_path / "a.csv")
+    assert all_of(log).id.tolist() == [int(name, 16)]
+    assert ("identifiers are taken for hexadecimal numbers" in log.findings.notes) == told
+
+
 def test_channels_that_vectors_tables_name_count_from_0_as_elsewhere(tmp_path: Path) -> None:
     path = tmp_path / "x.csv"
     path.write_text("Time;Chn;ID;Dir;DLC;Data\n0.1;CAN 1;123;Rx;1;0A\n0.2;CAN 2;123;Rx;1;0B\n")
