@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import nptdms
 
 NUMBERS = "biuf"
+Clocks = dict[tuple[int, float, float, float | None], str]
+"""Samples, step, offset and start of a waveform -> the name of its time."""
 
 
 def read(path: Path, layout: Layout) -> Recording:
@@ -32,14 +34,7 @@ def read(path: Path, layout: Layout) -> Recording:
         raise TraceError(path, "a .tdms file needs npTDMS", "pip install servotwin[formats]") from None
     try:
         with nptdms.TdmsFile.open(path) as file:
-            groups = _groups(file, layout, path)
-            channels = [channel for group in groups for channel in _of_group(group)]
-            if len(groups) > 1 and len({channel.name for channel in channels}) < len(channels):
-                channels = [
-                    replace(one, name=f"{group.name}/{one.name}", clock=one.clock and f"{group.name}/{one.clock}")
-                    for group in groups
-                    for one in _of_group(group)
-                ]
+            channels = _channels(_groups(file, layout, path))
             if not any(channel.count > 1 for channel in channels):
                 raise TraceError(path, "holds no channels with samples", "record or export it again")
             return recording(path, layout, distinct(channels))
@@ -59,9 +54,24 @@ def _groups(file: nptdms.TdmsFile, layout: Layout, path: Path) -> Sequence[nptdm
     return [groups[layout.variable]]
 
 
-def _of_group(group: nptdms.TdmsGroup) -> Iterator[ArrayChannel]:
-    """The channels of a group; those of a waveform bring their time along."""
-    clocks: dict[tuple[int, float, float, float | None], str] = {}
+def _channels(groups: Sequence[nptdms.TdmsGroup]) -> list[ArrayChannel]:
+    """The channels of groups, and the times that waveforms bring along, each once; groups tell equal names apart."""
+    clocks: Clocks = {}
+    found = {group.name: list(_of_group(group, clocks)) for group in groups}
+    names = [channel.name for own in found.values() for channel in own]
+    several = len(groups) > 1 and len(set(names)) < len(names)
+    channels = [
+        replace(channel, name=f"{group}/{channel.name}") if several else channel
+        for group, own in found.items()
+        for channel in own
+    ]
+    for (count, step, offset, start), name in clocks.items():
+        channels.append(ArrayChannel(name, "s", count, _even(count, step, offset), clock=name, start=start))
+    return channels
+
+
+def _of_group(group: nptdms.TdmsGroup, clocks: Clocks) -> Iterator[ArrayChannel]:
+    """The channels of a group; waveforms with a time of their own add it to the clocks."""
     for channel in group.channels():
         unit = str(channel.properties.get("unit_string", ""))
         step, offset = (float(channel.properties.get(f"wf_{key}", 0.0)) for key in ("increment", "start_offset"))
@@ -70,8 +80,6 @@ def _of_group(group: nptdms.TdmsGroup) -> Iterator[ArrayChannel]:
             key = (len(channel), step, offset, _start(channel))
             clock = clocks.setdefault(key, "time" if not clocks else f"time_{len(clocks) + 1}")
         yield _channel(channel, unit, clock)
-    for (count, step, offset, start), name in clocks.items():
-        yield ArrayChannel(name, "s", count, _even(count, step, offset), clock=name, start=start)
 
 
 def _start(channel: nptdms.TdmsChannel) -> float | None:

@@ -195,6 +195,17 @@ def test_links_and_storage_outside_of_an_hdf5_file_are_left_alone(tmp_path: Path
 
 
 @pytest.mark.needs("formats")
+def test_groups_of_tdms_that_share_their_sampling_are_read_together(tmp_path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    even = {"wf_increment": 0.5}
+    with TdmsWriter(tmp_path / "x.tdms") as file:
+        file.write_segment([ChannelObject(group, "n", k * SPEED, properties=even) for k, group in enumerate("ab", 1)])
+    trace = read(tmp_path / "x.tdms").trace
+    assert trace == Trace(0.5 * np.arange(len(SPEED)), {"a/n": SPEED, "b/n": 2 * SPEED}, name="x")
+
+
+@pytest.mark.needs("formats")
 def test_channels_of_tdms_are_read_by_group_with_their_units_and_waveforms(tmp_path: Path) -> None:
     from nptdms import ChannelObject, TdmsWriter
 
