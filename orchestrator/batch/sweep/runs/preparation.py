@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ from orchestrator.batch.sweep.points.factors import Space, Target
 from orchestrator.batch.sweep.points.resolving import FactorPlace
 from orchestrator.batch.sweep.points.schema import MOST_RUNS, HypercubeBlock, SweepBlock, load_sweep
 from orchestrator.batch.sweep.runs.reach import unseen
+from orchestrator.batch.sweep.runs.rows import schema
 from orchestrator.batch.sweep.runs.setup import Asked, Kept, Setup, Variant
 from orchestrator.batch.sweep.runs.systems import Wired, wired
 from orchestrator.rational import multiples, seconds
@@ -77,6 +80,7 @@ def prepared(file: Path) -> Iterator[PreparedSweep]:
         study = PreparedSweep(file, block, setup, found.design, _identity(block, file, systems), _notes(systems))
         _check_size(study)
         _check_seen(study, systems)
+        _check_columns(study)
         yield study
 
 
@@ -190,6 +194,15 @@ def _check_seen(study: PreparedSweep, systems: Sequence[Wired]) -> None:
         raise ScenarioError(study.file, "nothing is kept of the runs", "give `measures` or `traces`")
 
 
+def _check_columns(study: PreparedSweep) -> None:
+    """See that no two columns of the rows have one name."""
+    for name, count in Counter(schema(study.setup).names).items():
+        if count > 1:
+            place = f"{study.file}: measures.{name}" if name in study.block.measures else f"{study.file}: {name}"
+            problem = f"would be {count} columns of the rows"
+            raise ScenarioError(place, problem, "give the measure another name, or ask for it once")
+
+
 def _notes(systems: Sequence[Wired]) -> list[str]:
     left_out = dict.fromkeys(text for one in systems for text in one.left_out)
     return [f"not judged, for it is no matter of the point: {text}" for text in left_out] + list(
@@ -217,7 +230,10 @@ def _hashes(block: SweepBlock, file: Path, systems: Sequence[Wired]) -> dict[str
     read += [library.source_file(one) for one in _models(systems)]
     if block.calibration is not None:
         read.append(file.parent / block.calibration.folder / "summary.json")
-    return {path.name: sha256(path) for path in dict.fromkeys(read)}
+    known = list(dict.fromkeys(path.resolve() for path in read))
+    alike = Counter(path.name for path in known)
+    told = {path: os.path.relpath(path, file.parent.resolve()) if alike[path.name] > 1 else path.name for path in known}
+    return {name: sha256(path) for path, name in told.items()}
 
 
 def _models(systems: Sequence[Wired]) -> list[Model]:

@@ -77,6 +77,22 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"vary": None, "design": {"by": "list", "points": [{"hand.added_mass": 0.1}, {"hand.added_length": 0.1}]}},
         r"design\.points\.1: has hand\.added_length, not hand\.added_mass as the first",
     ),
+    "a measure with the name of a column": (
+        {"measures": {"passed": {"signal": "hand.angle", "peak": {"at_most": 9}}}},
+        r"study\.yaml: measures\.passed: would be 2 columns of the rows; give the measure another name",
+    ),
+    "a measure with the name of an expectation's verdict": (
+        {"measures": {"e1_held": {"signal": "hand.angle", "peak": {"at_most": 9}}}},
+        r"study\.yaml: measures\.e1_held: would be 2 columns",
+    ),
+    "a trace of what varies": (
+        {
+            "vary": {"hand.torque": {"between": [0.0, 0.01]}},
+            "design": DRAWN,
+            "traces": {"signals": ["hand.torque", "hand.angle"]},
+        },
+        r"study\.yaml: hand\.torque: would be 2 columns of the rows; .*ask for it once",
+    ),
     "a grid of draws": (
         {"vary": {"hand.added_mass": {"normal": 0.1, "std": 0.01}}, "design": {"by": "grid"}},
         r"study\.yaml:1: .*is drawn, which a grid does not do",
@@ -101,6 +117,18 @@ TWO: dict[str, Any] = FALLING | {
     "stimuli": {"hand.torque": {"constant": 0}, "other.torque": {"constant": 0}},
 }
 OTHER: dict[str, Any] = {"vary": {"other.added_mass": [0.1, 0.2]}, "design": {"by": "grid"}, "traces": None}
+
+
+def test_files_of_one_name_in_two_folders_are_told_apart(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "x.csv").write_text("time,torque\n0,0\n1,0.01\n")
+    vary = {"hand.torque": {"files": ["a/x.csv", "b/x.csv"], "signal": "torque"}}
+    file = study(tmp_path, vary=vary, design={"by": "grid"})
+    sweep(file, tmp_path / "out", Here())
+    (tmp_path / "a" / "x.csv").write_text("time,torque\n0,0\n1,0.02\n")
+    with pytest.raises(ServotwinError, match=r"holds another study: .*a/x\.csv"):
+        sweep(file, tmp_path / "out", Here())
 
 
 def test_what_nothing_can_see_is_refused(tmp_path: Path) -> None:
