@@ -551,6 +551,18 @@ cdef class Core:
             _join(&self.nodes[<int>target].event.arriving, &self.nodes[<int>target].event.arriving_count, route)
             self.route_count += 1
 
+    def expect(self, int number, double time, uint64_t clocks, list values):
+        """Have a tick wait on the route of this number, with what goes along."""
+        cdef Route *route = &self.routes[number]
+        cdef int i
+        if route.end == route.room and not _made_room(route):
+            raise MemoryError
+        route.waiting[route.end] = Arrival(time, self.sent, clocks)
+        for i in range(route.count):
+            route.values[route.end * route.count + i] = values[i]
+        route.end += 1
+        self.sent += 1
+
     def __dealloc__(self):
         for i in range(self.route_count):
             free(self.routes[i].waiting)

@@ -25,7 +25,7 @@ from orchestrator.fmi.status import stepping
 try:
     from orchestrator.engine import _compiled
 
-    _compiled.Stage.ASKED  # noqa: B018 - not there in what was built from older sources
+    _compiled.Core.expect  # noqa: B018 - not there in what was built from older sources
     from orchestrator.engine.addresses.events import MOST, FmuEvents, inputs_of
     from orchestrator.engine.addresses.memory import Row, addresses
     from orchestrator.engine.addresses.node import FmuNode
@@ -146,10 +146,9 @@ class CompiledLoop:
             self._core.add_node(number[fmu.node.every], *fmu.described())
         clocked = {n: fmu for n, fmu in enumerate(self._nodes) if isinstance(fmu.slave, ClockedSlave)}
         self._events = {n: FmuEvents(self._core, n, fmu) for n, fmu in clocked.items()}
-        targets = {id(fmu.node): self._events[n] for n, fmu in clocked.items()}
-        self._core.add_routes(
-            [self._events[n].route(ticks, targets) for n, fmu in clocked.items() for ticks in fmu.node.ticks]
-        )
+        self._targets = {id(fmu.node): self._events[n] for n, fmu in clocked.items()}
+        self._ticks = [(self._events[n], ticks) for n, fmu in clocked.items() for ticks in fmu.node.ticks]
+        self._core.add_routes([events.route(ticks, self._targets) for events, ticks in self._ticks])
 
     def begin(self) -> None:
         """Take the loop over at its first tick."""
@@ -173,6 +172,9 @@ class CompiledLoop:
         self._core.base = recorder.base
         for events in self._events.values():
             events.load()
+        if self._core.tick == 0:
+            for number, (events, ticks) in enumerate(self._ticks):
+                events.send(number, ticks, self._targets)
         self._core.run(last, BUDGET, recorder.rows, recorder.every)
         for events in self._events.values():
             events.unload()

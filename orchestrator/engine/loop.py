@@ -193,6 +193,8 @@ class Loop:
     def advance(self, last: int, recorder: Recorder) -> None:
         if self.tick == 0 and not self.said:
             self._begin_texts()
+        for node in self.nodes if self.tick == 0 else ():
+            self._tick(node)  # what ticked in the initialisation
         for tick in range(self.tick, min(last, self.tick + CHUNK)):
             if recorder.full(self.recorded):
                 break

@@ -70,6 +70,12 @@ class FmuEvents:
         ]
         return self._number, target._number, masks, along
 
+    def send(self, number: int, ticks: Ticks, others: Mapping[int, FmuEvents]) -> None:
+        """Have what ticked in the initialisation wait on the route of a number."""
+        bits = others[id(ticks.target)]._bits
+        for one in filter(None, map(ticks.arrival, self._slave.passed())):
+            self._core.expect(number, one.time, sum(bits[name] for name in one.clocks), [*one.inputs.values()])
+
     def load(self) -> None:
         """Have the core begin where the slave is."""
         next_event, due, in_event = self._slave.where()

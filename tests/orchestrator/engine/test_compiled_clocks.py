@@ -104,7 +104,9 @@ def systems(draw: st.DrawFn) -> tuple[list[str], dict[str, float], dict[str, Fra
         values[f"{part}.delay"] = draw(LENGTHS)
         values[f"{part}.growth"] = draw(LENGTHS) or 0.3
         values[f"{part}.period"] = draw(st.sampled_from([1 / 3, 0.1, 0.7 / 11]))
-        values |= {f"{part}.{name}": draw(st.sampled_from([1e300, 0.625, 0.3])) for name in ("alarm_at", "event_at")}
+        values |= {
+            f"{part}.{name}": draw(st.sampled_from([1e300, 0.625, 0.3, 0.0])) for name in ("alarm_at", "event_at")
+        }
         values[f"{part}.trouble"] = draw(st.sampled_from([0] * 9 + [*range(len(clocks.TROUBLES))]))
     steps = {"c": Fraction(1, 4), "b": Fraction(1, 4) * draw(st.integers(1, 2))}
     steps["a"] = steps["b"] * draw(st.integers(1, 2))

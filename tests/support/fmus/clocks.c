@@ -3,7 +3,7 @@
    Each input clock is counted; `sampled` is what `u` was when `tick` last ticked, `heard` what `w` was when `trigger`
    did, `kept` what `v` was when `tick` did. After 0.5 s there is the `trouble` that is asked for. `out` ticks with every `divisor`th tick of `tick`, `relay` with every one of `trigger` or `second`. `countdown` is set to
    `delay` by each tick of `trigger`. `changing` goes on after 1, 2, 4, ... times `growth`. At `alarm_at` a step ends
-   early, and `alarm` ticks. At `event_at` there is an event that was told in advance. */
+   early, and `alarm` ticks; it does so in the initialisation where that is over. At `event_at` there is an event that was told in advance. */
 #include <math.h>
 #include <stdlib.h>
 #include "fmi3Functions.h"
@@ -18,7 +18,7 @@ enum { INSTANTIATED = 1, INITIALISATION = 2, EVENT = 4, STEP = 8 };
 typedef struct {
     double real[OUTPUTS_END];
     int count[CLOCKS];
-    bool active[CLOCKS], due_alarm;
+    bool active[CLOCKS], sounded;
     double time, countdown, changing;
     bool told_countdown, told_changing, told_period;
     int mode, settled;
@@ -95,12 +95,19 @@ FMI3_Export fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean t
     it->now.time = t0;
     return fmi3OK;
 }
+static void sound(Instance *it)
+{
+    if (it->now.sounded || it->now.time < it->now.real[ALARM_AT])
+        return;
+    it->now.sounded = it->now.active[ALARM] = true;
+}
 FMI3_Export fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
 {
     Instance *it = c;
     REQUIRE(it->now.mode == INITIALISATION);
     it->now.mode = it->events ? EVENT : STEP;
     it->now.settled = 0;
+    sound(it);
     return fmi3OK;
 }
 FMI3_Export fmi3Status fmi3EnterEventMode(fmi3Instance c)
@@ -111,10 +118,7 @@ FMI3_Export fmi3Status fmi3EnterEventMode(fmi3Instance c)
     it->now.mode = EVENT;
     it->now.settled = 0;
     it->now.count[0]++;
-    if (it->now.time >= it->now.real[ALARM_AT]) {
-        it->now.real[ALARM_AT] = 1e300;
-        it->now.active[ALARM] = true;
-    }
+    sound(it);
     return fmi3OK;
 }
 static fmi3Status leave(Instance *it)

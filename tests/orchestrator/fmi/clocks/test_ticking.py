@@ -127,6 +127,13 @@ def test_a_step_ends_early_at_an_event_of_the_fmu_and_goes_on(build: Build) -> N
     assert found["a.gauge"].tolist() == found.time.tolist()
 
 
+@KINDS
+def test_a_clock_that_ticks_in_the_initialisation_ticks_others_in_the_first_step(build: Build, interfaces: str) -> None:
+    parts = {"a": build("tick", "alarm", interfaces=interfaces), "b": build("trigger", interfaces=interfaces)}
+    found = run(parts, ["a.alarm -> b.trigger", "a.sampled -> b.w"], values={"a.alarm_at": 0.0})
+    assert found["b.n_trigger"].tolist() == [0, 1, 1, 1, 1]
+
+
 def test_early_returns_are_those_that_fmpy_sees(build: Build) -> None:
     path = build("tick", "alarm")
     found = run({"a": path}, values={"a.alarm_at": 0.625, "a.event_at": 0.3})
