@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from fmus.errors import FmuFileError
-from fmus.files import absence
 from fmus.modelling.model import Number
 from fmus.packaging import archive
 from fmus.packaging.description.xml import base_unit, document, xml_number
@@ -75,37 +73,6 @@ def write_ssp(path: Path, fmu: Path, connectors: Mapping[str, str], values: Mapp
     inline = ET.SubElement(binding, f"{{{SSD}}}ParameterValues")
     inline.append(parameter_set_element(f"{fmu.stem}_calibrated", values, {}))
     archive.write(path, {"SystemStructure.ssd": document(root), f"resources/{fmu.name}": fmu.read_bytes()})
-
-
-def read_values(path: Path) -> dict[str, SetValue]:
-    """Name -> value of the parameters in an SSV file.
-
-    Raises:
-        FmuFileError: no such file, or not a parameter set.
-    """
-    if not path.is_file():
-        raise FmuFileError(path, absence(path), "check the path")
-    root = archive.parse_xml(path, path.read_bytes())
-    if root.tag != f"{{{SSV}}}ParameterSet":
-        raise FmuFileError(path, "is not an SSV parameter set", "check the path")
-    values: dict[str, SetValue] = {}
-    for parameter in root.iter(f"{{{SSV}}}Parameter"):
-        name, typed = parameter.get("name"), next(iter(parameter), None)
-        if name is None or typed is None:
-            raise FmuFileError(path, "has a parameter without name or value", "write it again")
-        values[name] = _value(path, name, str(typed.tag).rpartition("}")[2], typed.get("value", ""))
-    return values
-
-
-def _value(path: Path, name: str, kind: str, text: str) -> SetValue:
-    if kind in ("Enumeration", "String"):
-        return Item(text) if kind == "Enumeration" else text
-    try:
-        if kind == "Boolean":
-            return {"true": True, "1": True, "false": False, "0": False}[text]
-        return int(text) if kind == "Integer" else float(text)
-    except (ValueError, KeyError):
-        raise FmuFileError(f"{path}: {name}", f"'{text}' is no {kind}", "write the set again") from None
 
 
 def parameter_set_element(

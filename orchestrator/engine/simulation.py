@@ -9,7 +9,7 @@ from time import perf_counter
 from types import TracebackType
 from typing import NamedTuple
 
-from fmus.errors import FmuEnded, FmuError, ServotwinError, WiringError
+from fmus.errors import FmuEnded, FmuError, WiringError
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.given import GivenValues
@@ -126,22 +126,6 @@ class Simulation:
             RunFailed: an FMU failed while stepping; it carries that, too.
         """
         return self.execute(Run(values or {}, stimuli or {}, record, stop, record_every), progress, sink)
-
-    def run_many(self, runs: Sequence[Run], progress: Callable[[float], None] | None = None) -> list[Result]:
-        """The results of runs one after the other, each from reset instances.
-
-        Raises:
-            WiringError, FmuError: of the first run that fails; its message says which.
-        """
-        results = []
-        for number, run in enumerate(runs):
-            try:
-                results.append(self.execute(run))
-            except ServotwinError as error:
-                raise error.within(f"run {number}") from error
-            if progress is not None:
-                progress((number + 1) / len(runs))
-        return results
 
     def execute(self, run: Run, progress: Callable[[float], None] | None = None, sink: Sink | None = None) -> Result:
         """The result of a run; see `run`."""

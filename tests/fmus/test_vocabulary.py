@@ -12,7 +12,7 @@ import pytest
 import fmus
 from fmus import library
 from fmus.packaging import archive
-from fmus.parameters.ssv import read_values
+from tests.support.ssv import read_values
 
 FLYWHEEL = '''"""A flywheel."""
 {imports}

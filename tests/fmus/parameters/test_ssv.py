@@ -10,8 +10,8 @@ from fmpy.ssp.ssd import read_ssv
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmus.errors import FmuFileError
-from fmus.parameters.ssv import MIME, Item, SetValue, parameter_set, read_values
+from fmus.parameters.ssv import MIME, Item, SetValue, parameter_set
+from tests.support.ssv import read_values
 
 TEXT = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1, max_size=20)
 NAMES = TEXT.filter(lambda text: text == text.strip() and "  " not in text)
@@ -66,41 +66,3 @@ def test_an_empty_set_is_valid(tmp_path: Path) -> None:
     path = write(tmp_path / "set.ssv", parameter_set("empty", {}))
     assert read_values(path) == {}
     assert read_ssv(str(path), validate=True).parameters == []
-
-
-def parameter(inner: str, name: str = ' name="a"') -> str:
-    space = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
-    inside = f"<p:Parameters><p:Parameter{name}>{inner}</p:Parameter></p:Parameters>"
-    return f'<p:ParameterSet xmlns:p="{space}">{inside}</p:ParameterSet>'
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("no xml", "is not XML"),
-        ("<ParameterSet/>", "is not an SSV parameter set"),
-        (parameter('<p:Real value="heavy"/>'), "a: 'heavy' is no Real"),
-        (parameter('<p:Integer value="1.5"/>'), "a: '1.5' is no Integer"),
-        (parameter('<p:Boolean value="yes"/>'), "a: 'yes' is no Boolean"),
-        (parameter("<p:Real/>"), "a: '' is no Real"),
-        (parameter(""), "a parameter without name or value"),
-        (parameter('<p:Real value="1"/>', ""), "a parameter without name or value"),
-        ('<!DOCTYPE x [<!ENTITY e "1">]>' + parameter('<p:Real value="1"/>'), "document type"),
-    ],
-)
-def test_what_is_no_parameter_set_is_refused_with_its_place(tmp_path: Path, text: str, problem: str) -> None:
-    path = write(tmp_path / "set.ssv", text)
-    with pytest.raises(FmuFileError) as refused:
-        read_values(path)
-    assert str(refused.value).startswith(str(path)) and problem in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(("text", "value"), [("true", True), ("1", True), ("false", False), ("0", False)])
-def test_both_ways_of_writing_a_truth_are_read(tmp_path: Path, text: str, value: bool) -> None:
-    assert read_values(write(tmp_path / "set.ssv", parameter(f'<p:Boolean value="{text}"/>'))) == {"a": value}
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FmuFileError, match="no such file"):
-        read_values(tmp_path / "set.ssv")

@@ -22,8 +22,9 @@ from fmus.errors import FmuFileError
 from fmus.modelling.model import Model
 from fmus.packaging import archive, defaults, targets
 from fmus.packaging.native import compiler
-from fmus.parameters.ssv import Item, read_values
+from fmus.parameters.ssv import Item
 from fmus.parameters.write_back import PROVENANCE, REFERENCES, write_back
+from tests.support.ssv import read_values
 from tests.support.tools import third_party
 
 Build = Callable[[str], Path]

@@ -12,7 +12,6 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.ssp.ssd import read_ssv
 
 from fmus.packaging import archive, defaults, targets
-from fmus.parameters.ssv import read_values
 from fmus.parameters.write_back import PROVENANCE
 from identification.validation import validate_result
 from orchestrator import formats
@@ -30,6 +29,7 @@ from tests.support.identification.small_study import (
     voltage,
     write_study,
 )
+from tests.support.ssv import read_values
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

@@ -14,13 +14,13 @@ from fmus.errors import ScenarioError
 from fmus.modelling.instance import Instance
 from fmus.models.plants import dc_motor, pendulum
 from fmus.packaging import archive, defaults
-from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study
 from orchestrator import formats
 from orchestrator.results import RECORD
 from orchestrator.trace import Trace
 from tests.support.commands import servotwin
 from tests.support.identification.pendulum_resonance import resonance_frequency
+from tests.support.ssv import read_values
 
 pytestmark = pytest.mark.slow  # a calibration
 

@@ -12,7 +12,6 @@ import pytest
 from fmus import library
 from fmus.errors import IdentificationError, InputError
 from fmus.packaging import archive, targets
-from fmus.parameters import ssv
 from identification import tune
 from identification.calibrate import tune_study
 from identification.tuning.sources.fmu_controller import FmuController
@@ -21,6 +20,7 @@ from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.progress import silent
 from tests.support.identification.tuning_study import STEP, study, write
+from tests.support.ssv import read_values
 
 
 def controller(file: Path, step: str = "1/100", **parameters: float) -> FmuController:
@@ -62,7 +62,7 @@ def test_values_for_an_fmu_of_another_supplier_lie_beside_it(tmp_path: Path) -> 
     archive.write(tmp_path / "theirs.fmu", files)
     found = tune_study(write(tmp_path, study(**given(tmp_path / "theirs.fmu"))), tmp_path / "out", silent)
     written = tmp_path / "out" / "fmus"
-    assert ssv.read_values(written / "controller.ssv")["kp"] == found["parameters"]["controller.kp"]["value"]
+    assert read_values(written / "controller.ssv")["kp"] == found["parameters"]["controller.kp"]["value"]
     assert archive.read(written / "controller.fmu") == files
 
 

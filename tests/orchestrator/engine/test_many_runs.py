@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmus.errors import WiringError
 from orchestrator.engine import (
     Engine,
     Run,
@@ -21,7 +20,6 @@ from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.wiring import wire
 from tests.support.simulation.both_loops import STEP, Case, Shelf, bits
-from tests.support.simulation.scripted import Clock, simulation
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -83,16 +81,8 @@ def test_many_runs_are_the_runs_one_by_one(shelf: Shelf) -> None:
         Run({"c0.mu": float(n)}, {"c1.Float64_continuous_input": wave}, ["c0.x1", "c1.Float64_continuous_output"])
         for n, wave in enumerate(waves)
     ]
-    seen: list[float] = []
     with case.simulation(shelf, Engine.AUTO) as made:
-        results = made.run_many(runs, seen.append)
-    assert seen == [0.25, 0.5, 0.75, 1.0]
+        results = [made.execute(run) for run in runs]
     for run, result in zip(runs, results, strict=True):
         with case.simulation(shelf, Engine.AUTO) as alone:
             assert bits(result.trace) == bits(alone.run(run.values, run.stimuli, run.record).trace)
-
-
-def test_the_error_of_one_of_many_runs_says_which() -> None:
-    made = simulation([Clock("clock")])
-    with pytest.raises(WiringError, match=r"^run 1: clock\.nothing: no variable"):
-        made.run_many([Run(), Run({"clock.nothing": 1.0})])

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from fmus.errors import FmuError, ScenarioError, WiringError
-from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study
 from identification.estimation.stopped import EstimationInterrupted
 from identification.output_error.calibration import PreparedStudy
@@ -24,6 +23,7 @@ from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.progress import silent
 from tests.support.identification.small_study import COUNT, STEP, TRUTH, plain_study, record, study, write_study
+from tests.support.ssv import read_values
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

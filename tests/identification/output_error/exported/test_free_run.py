@@ -15,12 +15,12 @@ from fmpy.fmi2 import FMU2Slave
 from ruamel.yaml import YAML
 
 from fmus.packaging import archive, targets
-from fmus.parameters.ssv import read_values
 from fmus.parameters.write_back import write_back
 from identification.calibrate import calibrate_study
 from orchestrator import formats, run
 from orchestrator.trace import FloatArray
 from tests.support.identification.small_study import TRUTH, record, write_study
+from tests.support.ssv import read_values
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

@@ -12,12 +12,13 @@ from fmpy.ssp.ssd import read_ssd
 
 from fmus.errors import WiringError
 from fmus.packaging import archive, defaults, targets
-from fmus.parameters.ssv import parameter_set, read_values
+from fmus.parameters.ssv import parameter_set
 from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.scenario.run import run_scenario
 from tests.support.identification.small_study import LENGTH, STEP, TRUTH, calibrated, study, write_study
+from tests.support.ssv import read_values
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

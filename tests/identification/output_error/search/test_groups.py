@@ -13,7 +13,6 @@ from scipy import stats
 
 from fmus.errors import ScenarioError
 from fmus.packaging import archive, defaults
-from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate, calibrate_study
 from identification.estimation.arrow_least_squares import Point
 from identification.estimation.groups import Grouping, parted
@@ -26,6 +25,7 @@ from orchestrator import formats
 from orchestrator.progress import silent
 from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import COUNT, NOISE, STEP, TRUTH, simulated, study, voltage, write_study
+from tests.support.ssv import read_values
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

@@ -20,7 +20,6 @@ from pydantic import ValidationError
 from fmus.errors import InputError, ScenarioError
 from fmus.modelling.instance import Instance
 from fmus.models.plants import dc_motor, pendulum
-from fmus.parameters.ssv import read_values
 from identification.calibrate import calibrate_study
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.times.delays import HeldCommand, late_outputs
@@ -30,6 +29,7 @@ from identification.validation import validate_result
 from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import LENGTH, TRUTH, plain_study, study, write_study
+from tests.support.ssv import read_values
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
