@@ -192,7 +192,13 @@ def _starts_of(part: FusedPart) -> tuple[str, dict[str, bytes]]:
 def _native_parts(fmi: int, platforms: Sequence[str], network: Network | None = None) -> list[object]:
     """What native FMUs are made of beside their models."""
     machines = [(machine.name, compiler.identity(machine)) for machine in compiler.find(platforms)]
-    return [sources.fixed(fmi, network is not None), machines, network]
+    return [_fixed(fmi, network is not None), machines, network]
+
+
+@once
+def _fixed(fmi: int, networked: bool) -> str:
+    """Hash of the C code that all native FMUs have."""
+    return fingerprint(sources.fixed(fmi, networked))
 
 
 def _key(what: str, *parts: object) -> str | None:
@@ -214,7 +220,7 @@ def _key(what: str, *parts: object) -> str | None:
 def read_ahead() -> None:
     """Read what each lookup in the cache of built FMUs needs, for processes that are forked from this one."""
     for fmi in sources.VERSIONS:
-        sources.fixed(fmi)
+        _fixed(fmi, False)
     for name in library.names():
         _told(library.find(name))
     _code(_stamps())
