@@ -80,6 +80,8 @@ class ClockedSlave(Slave):
                 part.group.keep([(self._port(name), value) for name, value in self._given.items()])
 
     def run(self) -> None:
+        if problem := self._ticker.ask_shifts():
+            self.lost(self._start, problem)
         super().run()
         self._running = self._now.in_event_mode = True
         self._event(self._start, frozenset(), beginning=True)

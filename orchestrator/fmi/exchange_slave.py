@@ -117,8 +117,10 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         return super().tune(name, value)
 
     def run(self) -> None:
-        super().run()
         self._doing = "initialise"
+        if problem := self._ticker.ask_shifts():
+            self._fail(problem, "correct its description or the FMU")
+        super().run()
         self._fmi.measure()
         size = self._fmi.states.values.size
         if size and isinstance(self._solver, Stateless):

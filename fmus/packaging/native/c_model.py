@@ -70,7 +70,7 @@ def layout(interface: ModelInterface, token: str) -> str:
         "N_UPDATE_PARTIALS": len(linearised(model).update),
         "N_CONSTANTS": len(_constants(trace(model, as_written=True))),
         "FIRST_RATE": interface.first_rate,
-        "CLOCK": interface.time_reference + 1 if clocked(model) else -1,
+        "CLOCK": interface.time_reference + 1 if clocked(model) and not interface.networked else -1,
         "SAMPLE_TIME": places[model.sample_time] if model.sampled and model.sample_time else -1,
     }
     lines = [f"    {name} = {value}," for name, value in sizes.items()]

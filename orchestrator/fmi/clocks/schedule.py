@@ -122,6 +122,17 @@ class ClockSchedule:
         return [t.clock for t in self._timed.values() if t.clock.kind in PERIODIC and t.next == math.inf]
 
     @property
+    def undeclared(self) -> list[int]:
+        """Those whose interval and shift only the FMU tells, as they depend on its parameters."""
+        kinds = (TickInterval.FIXED, TickInterval.TUNABLE)
+        return [r for r, timed in self._timed.items() if timed.clock.kind in kinds and timed.clock.interval is None]
+
+    def shift(self, reference: int, seconds: float) -> None:
+        """Have a clock tick first so long after the start [s]."""
+        timed = self._timed[reference]
+        timed.clock = dataclasses.replace(timed.clock, shift=Fraction(repr(seconds)))
+
+    @property
     def timed(self) -> Mapping[int, Timed]:
         """Reference -> clock, in rising order."""
         return self._timed

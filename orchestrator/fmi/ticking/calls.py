@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Callable, Collection, Sequence
 
 from orchestrator.fmi.clocks.declared import Clock
-from orchestrator.fmi.functions.base import FmiFunctions
+from orchestrator.fmi.functions.base import FAILED, FmiFunctions
 
 CHANGED = 2  # qualifier of an interval that is new
 Require = Callable[[int, str], None]
@@ -46,6 +46,13 @@ class ClockCalls:
         if status:
             self.shown(status)
         return frozenset(clock.name for clock, on in zip(self._outputs, self._active, strict=True) if on)
+
+    def shifts(self, references: Sequence[int]) -> list[float]:
+        """The shifts of these clocks [s], in initialisation mode; none of an FMU that does not tell them."""
+        count = len(references)
+        listed, found = (ctypes.c_uint * count)(*references), (ctypes.c_double * count)()
+        status = self._fmi.call("GetShiftDecimal", listed, ctypes.c_size_t(count), found)
+        return [] if status >= FAILED else list(found)
 
     def shown(self, status: int) -> None:
         """Take note of how it went to get which output clocks tick."""

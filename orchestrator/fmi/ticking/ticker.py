@@ -45,6 +45,15 @@ class Ticker:
         self._arrivals, self.passed = [], []
         self._calls = ClockCalls(fmi, self._clocks, require)
 
+    def ask_shifts(self) -> str:
+        """Ask for the shifts that only the FMU tells, in initialisation mode; what is wrong with one, or nothing."""
+        asking = self._schedule.undeclared
+        for reference, shift in zip(asking, self._calls.shifts(asking) if asking else (), strict=False):
+            if not 0 <= shift < math.inf:
+                return f"gives its {self._by_reference[reference]} the shift {shift:g} s"
+            self._schedule.shift(reference, shift)
+        return ""
+
     @property
     def next(self) -> float:
         """Time of the next tick from inside or outside, infinity where there is none."""

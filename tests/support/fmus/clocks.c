@@ -9,7 +9,7 @@
 #include "fmi3Functions.h"
 
 enum { TICK = 1, TUNE, CHANGING, COUNTDOWN, TRIGGER, OUT, RELAY, ALARM, FIXED, SECOND, CLOCKS };
-enum { U = 20, W, DIVISOR, DELAY, GROWTH, ALARM_AT, EVENT_AT, PERIOD, TROUBLE, V, REALS_END };
+enum { U = 20, W, DIVISOR, DELAY, GROWTH, ALARM_AT, EVENT_AT, PERIOD, TROUBLE, V, SHIFT, REALS_END };
 enum { SAMPLED = 40, HEARD, SEEN, LAST_TIME, GAUGE, KEPT, OUTPUTS_END };
 enum { COUNTS = 60 }; /* Int32: how often the clock of COUNTS + reference ticked; COUNTS: events */
 enum { NONE, UPDATE_FAILS, ENDS, ENDLESS, TICK_FAILS, STEP_FAILS, WARNS, STUCK, CROWDED, STOPS, ENTER_FAILS, LEAVE_FAILS };
@@ -190,6 +190,16 @@ FMI3_Export fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *aga
         *known = true, *next = s->time;
     s->settled = 1;
     return trouble(it, WARNS) ? fmi3Warning : fmi3OK;
+}
+FMI3_Export fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3Float64 shifts[])
+{
+    Instance *it = c;
+    REQUIRE(it->now.mode == INITIALISATION);
+    for (size_t i = 0; i < n; i++) {
+        REQUIRE(r[i] == FIXED || r[i] == TUNE);
+        shifts[i] = it->now.real[SHIFT];
+    }
+    return fmi3OK;
 }
 FMI3_Export fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference r[], size_t n,
     fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])

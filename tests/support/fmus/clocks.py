@@ -137,6 +137,7 @@ def description(clocks: Mapping[str, str], interfaces: str = CO_SIMULATION) -> s
             for place, (name, start) in enumerate(PARAMETERS.items())
         ),
     ]
+    lines.append('<Float64 name="shift" valueReference="30" causality="parameter" variability="fixed" start="0"/>')
     outputs = {"sampled": 40, "heard": 41, "seen": 42, "last_time": 43, "gauge": 44, "kept": 45}
     lines += [
         f'<Float64 name="{name}" valueReference="{reference}" causality="output" variability="discrete"/>'

@@ -55,8 +55,12 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance)
 fmi3Status fmi3GetShiftDecimal(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                                size_t nValueReferences, fmi3Float64 shifts[])
 {
-    (void)valueReferences, (void)shifts;
-    return none(instance, nValueReferences, "clocks");
+    for (size_t i = 0; i < nValueReferences; i++) {
+        if (CLOCK < 0 || valueReferences[i] != (fmi3ValueReference)CLOCK)
+            return none(instance, 1, "clock with a shift at this value reference");
+        shifts[i] = 0.0; /* the first sample is taken at the start */
+    }
+    return instance ? fmi3OK : fmi3Error;
 }
 
 fmi3Status fmi3GetShiftFraction(fmi3Instance instance, const fmi3ValueReference valueReferences[],

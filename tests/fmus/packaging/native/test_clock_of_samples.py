@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
@@ -113,12 +114,18 @@ def test_a_tick_at_another_time_than_that_of_a_sample_is_an_error(native_fmu: Bu
     )
     fmu.instantiate(eventModeUsed=True)
     fmu.enterInitializationMode(startTime=0.0)
+    clock = [one.valueReference for one in description.modelVariables if one.type == "Clock"]
+    listed, found, kind = (ctypes.c_uint * 1)(*clock), (ctypes.c_double * 1)(9.0), (ctypes.c_int * 1)()
+    fmu.fmi3GetIntervalDecimal(fmu.component, listed, 1, found, kind)
+    assert found[0] == 0.001
+    fmu.fmi3GetShiftDecimal(fmu.component, listed, 1, found)
+    assert found[0] == 0.0
     fmu.exitInitializationMode()
     fmu.updateDiscreteStates()
     fmu.enterStepMode()
     fmu.doStep(0.0, 0.0015)
     fmu.enterEventMode()
-    fmu.setClock([one.valueReference for one in description.modelVariables if one.type == "Clock"], [True])
+    fmu.setClock(clock, [True])
     with pytest.raises(Exception, match="fmi3UpdateDiscreteStates"):
         fmu.updateDiscreteStates()
     fmu.freeInstance()

@@ -79,6 +79,18 @@ def test_a_tunable_clock_takes_the_interval_of_the_fmu(build: Build, interfaces:
 
 
 @KINDS
+@pytest.mark.parametrize("clock", ["fixed", "tune"])
+def test_a_clock_whose_interval_is_not_declared_has_the_shift_that_the_fmu_tells(
+    build: Build, interfaces: str, clock: str
+) -> None:
+    fmu = build(clock, interfaces=interfaces)
+    found = run({"a": fmu}, values={"a.period": 0.3, "a.shift": 0.26})
+    assert found[f"a.n_{clock}"].tolist() == [0, 0, 1, 2, 3]  # at 0.26, 0.56 and 0.86 s
+    with pytest.raises(FmuError, match=f"gives its .* clock '{clock}' the shift -1 s"):
+        run({"a": fmu}, values={"a.shift": -1.0})
+
+
+@KINDS
 def test_a_connected_clock_ticks_with_the_values_of_its_tick(build: Build, interfaces: str) -> None:
     parts = {
         "a": build("tick", "out", interfaces=interfaces),
