@@ -102,6 +102,18 @@ class UncertaintySummary(TypedDict):
     weak: list[str]
 
 
+class RoughnessSummary(TypedDict):
+    """Of simulations along a parameter without tangents, whose differences their own noise disturbs.
+
+    Attributes:
+        noise: of the outputs by themselves, rms, as a part of what their residuals are weighed by.
+        step: of forward differences, as a part of the parameter.
+    """
+
+    noise: float
+    step: float
+
+
 class ShootingSummary(TypedDict):
     """What segments of the windows came to, where the search began.
 
@@ -129,6 +141,7 @@ class SearchSummary(TypedDict):
     failures: int
     differences: str
     reasons: list[str]
+    rough: NotRequired[dict[str, RoughnessSummary]]
     shooting: NotRequired[ShootingSummary]
 
 
@@ -195,6 +208,8 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
     if calibration.choice is not None:
         made["candidate"] = calibration.choice.chosen
         made["choice"] = choice_summary(calibration.choice)
+    if found.rough:
+        made["search"]["rough"] = {name: {"noise": one.noise, "step": one.forward} for name, one in found.rough.items()}
     if (shot := found.shot) is not None:
         made["search"]["shooting"] = {
             "segments": shot.segments,

@@ -22,7 +22,7 @@ from .figure import Figure, report_groups
 BENCH = {
     "startup": "processor time of commands, with a cache of built FMUs and without; Ctrl-C",
     "coverage": "how often the 95 % intervals of output error hold the truth, by profiles and locally",
-    "candidates": "how often the right one of four friction laws is chosen",
+    "candidates": "how often the right one of five friction laws is chosen",
     "coverage_frequency": "how often the 95 % intervals of the resonance study hold the truth",
     "coverage_motion": "how often those of a recalibration near a motion do",
     "subspace_speed": "subspace identification beside other tools",

@@ -17,6 +17,7 @@ from identification.estimation.validation import fit
 from identification.output_error.search.free_run import Tally
 from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.problem import Problem
+from identification.output_error.search.roughness import Roughness
 from identification.output_error.search.shot import Shot
 from identification.output_error.search.steps import FlatStretch
 from identification.signals.resolution import ROUNDED
@@ -108,6 +109,7 @@ class Estimate(ReadOnlyArrays):
         intervals: how `ci95` came about, where not by `covariance` alone.
         local95: name -> interval by `covariance` of every estimated or tied one [its unit].
         shot: what segments of the windows came to before the search, where they were run.
+        rough: name -> own noise of the simulations and steps, of free parameters whose differences that disturbs.
     """
 
     values: Mapping[str, float]
@@ -137,6 +139,7 @@ class Estimate(ReadOnlyArrays):
     intervals: Intervals = LOCAL
     local95: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     shot: Shot | None = None
+    rough: Mapping[str, Roughness] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +165,7 @@ class Reached:
         found: the best so far on all windows, None before there is something better than the start.
         wide: column -> width of its differences, of the parameters that act in steps.
         flats: column -> over which z the cost does not tell such a parameter's values apart.
+        rough: column -> own noise of the simulations along it, of those without tangents whose differences it disturbs.
         noise: standard deviation of the residuals, by which what is known before is weighed.
         shot: what segments of the windows came to before, where they were run.
     """
@@ -171,6 +175,7 @@ class Reached:
     found: Minimum | None = None
     wide: Mapping[int, float] = field(default_factory=dict)
     flats: Mapping[int, FlatStretch] = field(default_factory=dict)
+    rough: Mapping[int, Roughness] = field(default_factory=dict)
     noise: float = 1.0
     shot: Shot | None = None
 
@@ -220,6 +225,7 @@ def assembled(
         intervals=intervals,
         local95=_with_tied_ends(problem.parameters, local),
         shot=reached.shot,
+        rough={problem.parameters.free[c].name: one for c, one in reached.rough.items() if c < len(z)},
     )
 
 

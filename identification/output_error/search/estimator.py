@@ -29,11 +29,13 @@ from identification.output_error.search.estimate import (
     initial_states,
     outputs,
 )
+from identification.output_error.search.free_run import FreeRun
 from identification.output_error.search.options import IntervalOptions, SearchOptions, SearchState, Watch
 from identification.output_error.search.problem import Problem, Window, spread_weights
 from identification.output_error.search.refits import GROWN, Spoken, spoken
+from identification.output_error.search.roughness import roughness
 from identification.output_error.search.shot import Shot
-from identification.output_error.search.steps import best_nearby, centred, flat, widened
+from identification.output_error.search.steps import best_nearby, centred, flat, restless, widened
 from identification.output_error.search.work import PERFECT, Work, search, spread
 from orchestrator.trace import FloatArray
 
@@ -104,7 +106,7 @@ def estimate(
                 found, reached.noise = _shot(problem, begin, shot), shot.noise
                 said = spoken(work, found)
             else:
-                reached.wide = _acting_in_steps(work, begin)
+                reached.wide = _difference_steps(work, begin)
                 found, said = _fitted(work, begin)
     except (KeyboardInterrupt, FmuError) as error:
         if reached.found is None:
@@ -190,10 +192,26 @@ def predict(problem: Problem, factory: Factory, options: SearchOptions | None = 
 
 def _acting_in_steps(work: Work, here: Iterate) -> dict[int, float]:
     """Which parameters act in steps, seen on a few windows."""
+    run, few = _few(work, here)
+    return widened(replace(run, wide={}), few)
+
+
+def _difference_steps(work: Work, here: Iterate) -> dict[int, float]:
+    """Which parameters act in steps, once the noise of simulations is known along those that tangents do not give."""
+    run, few = _few(work, here)
+    unsure = restless(run, few)
+    if not unsure:
+        return {}
+    exact = run.exact(few.point, work.problem.measured_only(few.residuals, run.windows))
+    work.reached.rough = roughness(run, few, [c for c in unsure if c not in exact])
+    return _acting_in_steps(work, here)
+
+
+def _few(work: Work, here: Iterate) -> tuple[FreeRun, Iterate]:
+    """Some of the windows, with all groups, and a point in them."""
     windows = work.problem.with_all_groups(_spread(len(work.all_windows), work.options.start_windows))
     point = replace(here.point, states=here.point.states[list(windows)])
-    few = Iterate(point, [here.residuals[w] for w in windows], math.nan)
-    return widened(replace(work.over(windows), wide={}), few)
+    return work.over(windows), Iterate(point, [here.residuals[w] for w in windows], math.nan)
 
 
 def _beside_steps(work: Work, found: Minimum) -> Minimum:

@@ -59,6 +59,7 @@ class FreeRun:
     Attributes:
         windows: which of the problem's windows; row w of a point's states belongs to windows[w].
         step: relative step of a forward difference, about the root of the simulation's relative accuracy.
+        rough: column -> relative forward and central step that simulations' own noise asks for, where it is known.
         wide: column -> wider step of one that acts in steps.
         tangents: whether derivatives are exact where they can be.
         noise: standard deviation of the residuals, which what is known before of parameters is weighed by: its rows
@@ -73,6 +74,7 @@ class FreeRun:
     wide: Mapping[int, float] = field(default_factory=dict)
     tangents: bool = False
     noise: float = 1.0
+    rough: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def residuals(self, point: Point) -> list[FloatArray] | None:
         """One (K m,) vector a window; None when a simulation failed."""
@@ -122,7 +124,7 @@ class FreeRun:
         Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 and `unknown`.
         """
         self.tally.jacobians += 1
-        exact = self._exact(point, residuals)
+        exact = self.exact(point, residuals)
         up, down = self._steps(point, central)
         acting = np.array([self.problem.acting(window) for window in self.windows]).T
         up, down = np.where(acting, up, 0.0), np.where(acting, down, 0.0)
@@ -145,7 +147,7 @@ class FreeRun:
             blocks.append(WindowBlock(residual, columns[:, :n], columns[:, n:], frozenset(unknown)))
         return blocks
 
-    def _exact(self, point: Point, residuals: list[FloatArray]) -> Columns:
+    def exact(self, point: Point, residuals: list[FloatArray]) -> Columns:
         """The columns that tangents give; the first ones are compared with differences in a few windows."""
         if not self.tangents or self.tally.differences:
             return {}
@@ -192,7 +194,7 @@ class FreeRun:
     def _steps(self, point: Point, central: bool) -> tuple[FloatArray, FloatArray]:
         """Two signed steps (n + s, W) in z; the second is 0 for a one-sided difference."""
         size = self._columns(Point(np.maximum(1, abs(point.parameters)), np.maximum(1, abs(point.states))))
-        up = size * self._relative(len(size), central)[:, None]
+        up = size * self.relative(len(size), central)[:, None]
         rising, falling = self._inside(point, up), self._inside(point, -up)
         down = np.where(rising & falling, -up, 0.0) if central else np.zeros_like(up)
         box = self.problem.box(self.windows).around(point)
@@ -200,9 +202,11 @@ class FreeRun:
         widest = np.where(upper >= -lower, upper, lower)
         return np.where(rising, up, np.where(falling, -up, widest)), down
 
-    def _relative(self, columns: int, central: bool) -> FloatArray:
+    def relative(self, columns: int, central: bool) -> FloatArray:
         """(n + s,) relative steps."""
         steps = np.full(columns, self.step ** (2 / 3) if central else self.step)
+        for column, asked in self.rough.items():
+            steps[column] = max(asked[central], steps[column])
         for column, width in self.wide.items():
             steps[column] = max(width, steps[column])
         return steps

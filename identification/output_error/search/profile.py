@@ -189,4 +189,5 @@ def _held(work: Work, column: int, z: float) -> Work:
     one = parameters.free[column]
     problem = replace(work.problem, parameters=parameters.held(one.name, one.value(z)))
     wide = {c - (c > column): width for c, width in work.reached.wide.items() if c != column}
-    return replace(work, problem=problem, reached=Reached(work.tally, wide=wide, noise=work.reached.noise))
+    rough = {c - (c > column): one for c, one in work.reached.rough.items() if c != column}
+    return replace(work, problem=problem, reached=Reached(work.tally, wide=wide, rough=rough, noise=work.reached.noise))

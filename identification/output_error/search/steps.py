@@ -19,6 +19,7 @@ from orchestrator.trace import FloatArray
 
 WIDEST = 0.3  # of a scaled parameter: the widest difference
 _FINER, _AGREE = 0.25, 0.5  # from width to width, and by how much of the larger slope two may differ
+_SMOOTH = 0.01  # by how much two differ at most where neither steps nor noise disturb them
 _NO_EFFECT = 1e-10  # of the measured outputs
 _LOOKS = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # widths away, to either side
 _ROUNDS = 4
@@ -47,53 +48,68 @@ class FlatStretch:
 def widened(run: FreeRun, here: Iterate) -> dict[int, float]:
     """Column -> relative width of its difference, of what acts in steps or below the accuracy of a run.
 
-    A smooth one's slopes over the run's own step and a quarter of it agree, and it is not among them. Columns are the
-    parameters, then the estimated initial states, each moved in all windows at once.
+    A smooth one's slopes over the run's own step for it and a quarter of that agree, and it is not among them. Columns
+    are the parameters, then the estimated initial states, each moved in all windows at once.
     """
-    width = dict.fromkeys(range(len(here.point.parameters) + here.point.states.shape[1]), run.step)
+    finest = run.relative(len(here.point.parameters) + here.point.states.shape[1], central=False)
+    width = dict(enumerate(finest.tolist()))
     finer = _slopes(run, here, {c: _FINER * w for c, w in width.items()})
     found: dict[int, float] = {}
     while width:
         wider = _slopes(run, here, width)
         settled = {c for c in width if _alike(run, finer[c], wider[c], _FINER * width[c])}
-        found |= {c: w for c, w in width.items() if c in settled and w > run.step}
+        found |= {c: w for c, w in width.items() if c in settled and w > finest[c]}
         left = {c: w / _FINER for c, w in width.items() if c not in settled}
         found |= {c: WIDEST for c, w in left.items() if w > WIDEST}
         width, finer = {c: w for c, w in left.items() if w <= WIDEST}, wider
     return found
 
 
+def restless(run: FreeRun, here: Iterate) -> list[int]:
+    """Columns whose slopes over the run's own step and a quarter of it differ as those of smooth simulations do not."""
+    width = dict(
+        enumerate(run.relative(len(here.point.parameters) + here.point.states.shape[1], central=False).tolist())
+    )
+    finer, wider = _slopes(run, here, {c: _FINER * w for c, w in width.items()}), _slopes(run, here, width)
+    return [c for c, w in width.items() if not _alike(run, finer[c], wider[c], _FINER * w, _SMOOTH)]
+
+
 def _slopes(run: FreeRun, here: Iterate, widths: Mapping[int, float]) -> dict[int, FloatArray | None]:
     """Column -> (N,) slope of all residuals over one side; None where a run failed or there is no room."""
-    steps = {c: width * max(1.0, float(np.abs(_entries(here.point, c)).max())) for c, width in widths.items()}
-    steps = {c: step if _inside(run, _moved(here.point, c, step)) else -step for c, step in steps.items()}
-    ends = [_moved(here.point, c, step) for c, step in steps.items()]
+    steps = {c: width * size(here.point, c) for c, width in widths.items()}
+    steps = {c: step if inside(run, moved(here.point, c, step)) else -step for c, step in steps.items()}
+    ends = [moved(here.point, c, step) for c, step in steps.items()]
     base = np.concatenate(here.residuals)
     return {
-        c: (np.concatenate(residuals) - base) / step if residuals is not None and _inside(run, end) else None
+        c: (np.concatenate(residuals) - base) / step if residuals is not None and inside(run, end) else None
         for (c, step), end, residuals in zip(steps.items(), ends, run.several(ends), strict=True)
     }
 
 
-def _entries(point: Point, column: int) -> FloatArray:
-    """A parameter (1,), or a state (W,)."""
+def size(point: Point, column: int) -> float:
+    """What a relative step of a parameter, or of a state in all windows, is a part of."""
     n = len(point.parameters)
-    return np.asarray(point.parameters[column : column + 1] if column < n else point.states[:, column - n])
+    entries = point.parameters[column : column + 1] if column < n else point.states[:, column - n]
+    return max(1.0, float(np.abs(entries).max()))
 
 
-def _inside(run: FreeRun, point: Point) -> bool:
+def inside(run: FreeRun, point: Point) -> bool:
+    """Whether a point is within the bounds."""
     return bool(np.array_equal(point.clipped(run.problem.box(run.windows)).flat, point.flat))
 
 
-def _alike(run: FreeRun, finer: FloatArray | None, wider: FloatArray | None, width: float) -> bool:
-    """Whether two slopes are those of a smooth parameter; where one cannot be had nothing is said against it."""
+def _alike(
+    run: FreeRun, finer: FloatArray | None, wider: FloatArray | None, width: float, share: float = _AGREE
+) -> bool:
+    """Whether two slopes are those of a smooth parameter, but for a share; where one is missing nothing is said against
+    it."""
     if finer is None or wider is None:
         return True
     sizes = [float(np.linalg.norm(slope)) for slope in (finer, wider)]
     measured = math.sqrt(sum(float(np.sum((w.weight * w.measured) ** 2)) for w in run.problem.windows))
     if min(sizes) * width <= _NO_EFFECT * measured:
         return False
-    return float(np.linalg.norm(finer - wider)) <= _AGREE * max(sizes)
+    return float(np.linalg.norm(finer - wider)) <= share * max(sizes)
 
 
 def best_nearby(run: FreeRun, here: Iterate, loss: Loss) -> Iterate:
@@ -114,7 +130,7 @@ def best_nearby(run: FreeRun, here: Iterate, loss: Loss) -> Iterate:
 
 def _tried(run: FreeRun, point: Point, column: int, moves: Sequence[float] | FloatArray, loss: Loss) -> list[Iterate]:
     """What lies so far along one column, where it can be had, within the bounds."""
-    points = [_moved(point, column, float(step)).clipped(run.problem.box(run.windows)) for step in moves]
+    points = [moved(point, column, float(step)).clipped(run.problem.box(run.windows)) for step in moves]
     found = zip(points, run.several(points), strict=True)
     return [Iterate(there, r, loss.cost(r)) for there, r in found if r is not None]
 
@@ -157,7 +173,7 @@ def _reach(run: FreeRun, here: Iterate, column: int, side: float, room: float, m
 
 def _costs(run: FreeRun, point: Point, column: int, moves: FloatArray, loss: Loss) -> FloatArray:
     """(N,) cost so far along one column; infinite where it cannot be had."""
-    found = run.several([_moved(point, column, float(step)) for step in moves])
+    found = run.several([moved(point, column, float(step)) for step in moves])
     return np.array([math.inf if r is None else loss.cost(r) for r in found])
 
 
@@ -169,7 +185,8 @@ def centred(run: FreeRun, here: Iterate, column: int, flat: FlatStretch, loss: L
     return min([here, *_tried(run, here.point, column, [step], loss)], key=lambda there: (there.cost, there is here))
 
 
-def _moved(point: Point, column: int, step: float) -> Point:
+def moved(point: Point, column: int, step: float) -> Point:
+    """The point with a parameter, or a state in all windows, moved."""
     parameters, states = point.parameters.copy(), point.states.copy()
     if column < len(parameters):
         parameters[column] += step

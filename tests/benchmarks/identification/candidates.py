@@ -1,6 +1,6 @@
-"""Does a calibration with candidates choose the right one? Four friction laws, each simulated, noise drawn anew.
+"""Does a calibration with candidates choose the right one? Five friction laws, each simulated, noise drawn anew.
 
-Of each draw the same recordings are fitted by all four laws. Some have the right one as a special case, so that a
+Of each draw the same recordings are fitted by all five laws. Some have the right one as a special case, so that a
 freedom that nothing needs has to be recognised as well as one that is needed.
 """
 

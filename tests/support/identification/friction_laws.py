@@ -1,4 +1,4 @@
-"""An axis with one of four friction laws, recordings of it by the model's own functions, and the study that chooses."""
+"""An axis with one of five friction laws, recordings of it by the model's own functions, and the study that chooses."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ LAWS: Mapping[str, Mapping[str, float]] = {
     "Coulomb": _COULOMB,
     "asymmetric": {**_COULOMB, "coulomb_friction_negative": 5.2},
     "Stribeck": {**_COULOMB, "stribeck_friction": 1.0, "stribeck_speed": 0.03},
+    "LuGre": {**_COULOMB, "bristle_stiffness": 5e3, "bristle_damping": 60.0},
 }
 """Name -> parameters of the axis."""
 
@@ -46,6 +47,13 @@ CANDIDATES: Mapping[str, Any] = {
             **_ALIKE,
             "axis.stribeck_friction": {"start": 1.0, "min": 0.0, "max": 20.0},
             "axis.stribeck_speed": {"start": 0.05, "min": 0.005, "max": 0.5, "scale": "log"},
+        }
+    },
+    "LuGre": {
+        "parameters": {
+            **_ALIKE,
+            "axis.bristle_stiffness": {"start": 2e3, "min": 200.0, "max": 2e5, "scale": "log"},
+            "axis.bristle_damping": {"start": 30.0, "min": 1.0, "max": 1e3, "scale": "log"},
         }
     },
 }

@@ -1,4 +1,4 @@
-"""The right one of four friction laws is chosen, on fewer draws than the benchmark takes."""
+"""The right one of five friction laws is chosen, on fewer draws than the benchmark takes."""
 
 from __future__ import annotations
 
