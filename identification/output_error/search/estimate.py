@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from identification.estimation.arrow_least_squares import Iterate, Minimum, Point
+from identification.estimation.arrow_least_squares import Iterate, Minimum, Point, WindowBlock
 from identification.estimation.identifiability import Identifiability
 from identification.estimation.information import Information
 from identification.estimation.parameters import Parameter, ParameterSet
@@ -18,12 +18,40 @@ from identification.output_error.search.free_run import Tally
 from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.problem import Problem
 from identification.output_error.search.roughness import Roughness
-from identification.output_error.search.shot import Shot
 from identification.output_error.search.steps import FlatStretch
 from identification.signals.resolution import ROUNDED
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
 VAGUE = math.log(1e3)  # half of a 95 % interval on a log scale: a factor from which nothing is known
+
+
+@dataclass(frozen=True, eq=False)
+class Shot(ReadOnlyArrays):
+    """What segments of windows came to, which were run from start values of their own: where a search may begin.
+
+    Attributes:
+        segments: of each window.
+        values: name -> parameter.
+        starts: component.variable -> (W,) estimated start values of the windows.
+        gap: the largest that is left between two segments, in sizes of the states.
+        closed: whether that is none.
+        cost: of the outputs, by least squares.
+        noise: standard deviation of the residuals, by which what is known before was weighed.
+        growth: how many times as much windows make at most of a deviation at their start.
+        blocks: the windows linearised there, as far as segments stay joined.
+    """
+
+    segments: int
+    values: Mapping[str, float]
+    starts: Mapping[str, FloatArray]
+    gap: float
+    closed: bool
+    cost: float
+    iterations: int
+    simulations: int
+    growth: float
+    noise: float
+    blocks: tuple[WindowBlock, ...]
 
 
 @dataclass(frozen=True)

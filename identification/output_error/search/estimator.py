@@ -24,6 +24,7 @@ from identification.output_error.search.estimate import (
     Estimate,
     Prediction,
     Reached,
+    Shot,
     StartReport,
     assembled,
     initial_states,
@@ -34,7 +35,6 @@ from identification.output_error.search.options import IntervalOptions, SearchOp
 from identification.output_error.search.problem import Problem, Window, spread_weights
 from identification.output_error.search.refits import GROWN, Spoken, spoken
 from identification.output_error.search.roughness import roughness
-from identification.output_error.search.shot import Shot
 from identification.output_error.search.steps import best_nearby, centred, flat, restless, widened
 from identification.output_error.search.work import PERFECT, Work, search, spread
 from orchestrator.trace import FloatArray

@@ -24,6 +24,7 @@ _ROW, _APART = 6, 1e-3  # runs beside the first, and how far apart, of a scaled 
 _LOWEST = 4  # order of differences from which on nothing smooth is left
 _AFAR = 0.03  # of a scaled parameter, where curvature is seen
 _COARSEST = 0.1
+_EVEN = 0.3  # of the largest of second differences: the smallest of what is noise
 _FINE, _ROUNDING = 1e-3, 1e-14  # of a slope, and of weighted residuals: noise that does not count
 
 
@@ -42,7 +43,7 @@ class Roughness:
 
 
 def roughness(run: FreeRun, here: Iterate, columns: Sequence[int]) -> dict[int, Roughness]:
-    """Column -> its roughness, by runs that are all simulated at once; none of a column without room for them.
+    """Column -> its roughness, by runs that are all simulated at once; none of a column without room, or in steps.
 
     Columns are the parameters, then the estimated initial states, each moved in all windows at once.
     """
@@ -52,7 +53,7 @@ def roughness(run: FreeRun, here: Iterate, columns: Sequence[int]) -> dict[int, 
     for i, c in enumerate(rows):
         own = found[i * count : (i + 1) * count]
         values = [np.concatenate(one) for one in own if one is not None]
-        if len(values) == count:
+        if len(values) == count and _is_even(np.array([base, *values[:_ROW]])):
             told[c] = _judged(run.step, np.array([base, *values[:_ROW]]), values[_ROW:])
     return told
 
@@ -65,6 +66,12 @@ def _row(run: FreeRun, point: Point, column: int) -> list[Point]:
         if all(inside(run, one) for one in points):
             return points
     return []
+
+
+def _is_even(row: FloatArray) -> bool:
+    """Whether all runs of a row (7, N) are as rough; what acts in steps jumps between some and rests between others."""
+    sizes = np.linalg.norm(np.diff(row, n=2, axis=0), axis=1)
+    return bool(sizes.min() > _EVEN * sizes.max())
 
 
 def _judged(least: float, row: FloatArray, afar: Sequence[FloatArray]) -> Roughness:

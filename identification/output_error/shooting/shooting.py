@@ -23,10 +23,10 @@ from identification.estimation.arrow_least_squares import (
 from identification.estimation.parameters import InitialState
 from identification.estimation.threads import single_threaded
 from identification.estimation.workers import Factory, open_pool
+from identification.output_error.search.estimate import Shot
 from identification.output_error.search.free_run import FreeRun, Tally
 from identification.output_error.search.options import SearchOptions, SearchState, Watch
 from identification.output_error.search.problem import Problem
-from identification.output_error.search.shot import Shot
 from identification.output_error.search.work import spread
 from identification.output_error.shooting.guesses import guessed, require_whole
 from identification.output_error.shooting.joined import JoinedSegments, join

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -94,10 +95,28 @@ def test_what_is_smooth_has_no_noise_and_the_step_that_is_asked_for() -> None:
         assert one.noise < 1e-10 and one.forward == run.step
 
 
+class Gridded(Rippled):
+    """One that switches on a grid of 5 ms."""
+
+    def simulate(self, window: int, values: Any) -> FloatArray:
+        return super().simulate(window, {**values, "lag.lag": 0.005 * np.ceil((values["lag.lag"] - 1e-3) / 0.005)})
+
+
+def test_what_acts_in_steps_is_not_taken_for_noise() -> None:
+    run, _ = run_of(0.0)
+    run = replace(run, pool=LocalPool(lambda: Gridded(0.0)))
+    here = evaluated(run, run.problem.start([0]), LEAST_SQUARES)
+    assert here is not None
+    ahead = run.residuals(moved(here.point, 1, 4e-3))
+    assert ahead is not None and float(np.abs(ahead[0] - here.residuals[0]).max()) > 1e-3  # within the row
+    assert 1 not in roughness(run, here, [0, 1])
+
+
 def test_what_has_no_room_between_its_bounds_is_left_out() -> None:
     run, here = run_of(1e-5)
     cornered = Point(np.array([run.problem.parameters.z_bounds[0][0], 0.0]), here.point.states)
-    assert list(roughness(run, Iterate(cornered, here.residuals, here.cost), [0, 1])) == [1]
+    there = evaluated(run, cornered, LEAST_SQUARES)
+    assert there is not None and list(roughness(run, there, [0, 1])) == [1]
 
 
 @pytest.mark.slow
