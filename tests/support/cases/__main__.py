@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -22,6 +23,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, help="with the folders fmi, can, first_use, fit and live")
     parser.add_argument("names", nargs="*", metavar="NAME", help="cases, or folders of them; all by default")
     parsed = parser.parse_args(arguments)
+    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):  # ignored where a shell began this in the background
+        signal.signal(number, signal.SIG_DFL)
     wrong = 0
     with tempfile.TemporaryDirectory() as aside:
         copy = Path(aside) / "cases"
