@@ -113,6 +113,12 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         return self
 
     @model_validator(mode="after")
+    def _one_start_of_segments(self) -> OutputErrorBlock:
+        if self.shooting is not None and self.options.starts > 1:
+            raise ValueError("`shooting` goes from the declared start alone; remove `options.starts`, or `shooting`")
+        return self
+
+    @model_validator(mode="after")
     def _something_to_find(self) -> OutputErrorBlock:
         if not self.parameters and not self.estimate:
             raise ValueError("nothing is estimated; give `parameters`, or a list of them under `estimate`")

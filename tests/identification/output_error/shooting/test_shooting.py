@@ -167,6 +167,14 @@ def test_segments_or_their_length_are_given(tmp_path: Path, entry: Any) -> None:
         OutputErrorBlock.model_validate(study)
 
 
+def test_several_starts_are_not_passed_over(tmp_path: Path) -> None:
+    study = json.loads(
+        write_study(tmp_path / "study.yaml", shooting={"segments": 3}, options={"starts": 2}).read_text()
+    )
+    with pytest.raises(ValueError, match="remove `options.starts`, or `shooting`"):
+        OutputErrorBlock.model_validate(study)
+
+
 @pytest.mark.slow
 def test_what_is_known_before_counts_by_the_noise_that_is_left(data: Path, tmp_path: Path) -> None:
     """As it does without segments."""
