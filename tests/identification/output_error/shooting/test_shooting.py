@@ -171,7 +171,7 @@ def test_several_starts_are_not_passed_over(tmp_path: Path) -> None:
     study = json.loads(
         write_study(tmp_path / "study.yaml", shooting={"segments": 3}, options={"starts": 2}).read_text()
     )
-    with pytest.raises(ValueError, match="remove `options.starts`, or `shooting`"):
+    with pytest.raises(ValueError, match=r"remove `options\.starts`, or `shooting`"):
         OutputErrorBlock.model_validate(study)
 
 
