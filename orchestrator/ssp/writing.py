@@ -113,6 +113,8 @@ class _Writing:
 
     def _component(self, name: str) -> ET.Element:
         file, interface = self.outline.files[name], self.outline.system.parts[name].interface
+        if interface.clocks and self.tool is Tool.ECOS:
+            self.notes.append(f"{name}: ecos aborts where it closes an FMU with clocks; give it one of FMI 2.0")
         way = "CoSimulation" if self.outline.kinds[name] is FmuKind.CO_SIMULATION else "ModelExchange"
         element = ET.Element(f"{SSD}Component", {"name": name, "type": FMU, "source": self.resources[sha256(file)][1]})
         if way == "ModelExchange":

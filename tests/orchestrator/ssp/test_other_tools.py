@@ -17,6 +17,8 @@ import pytest
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd
 
+from fmus import library
+from fmus.packaging import native
 from orchestrator.scenario.exchange import export
 from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.outline import Tool
@@ -126,3 +128,13 @@ def test_what_a_tool_does_otherwise_is_told(tmp_path: Path, tool: Tool) -> None:
     (tmp_path / "loop.yaml").write_text(json.dumps(SCENARIO | SCALED))
     (line,) = export(tmp_path / "loop.yaml", tmp_path / "loop.ssp", tool).notes
     assert line == f"push.signal -> motor.voltage: {tool} does not multiply by 0.5"
+
+
+@pytest.mark.parametrize("tool", [Tool.ECOS, Tool.LIBCOSIM])
+def test_clocks_are_told_of_where_a_tool_aborts_for_them(tmp_path: Path, tool: Tool) -> None:
+    native.build(library.find("daq"), tmp_path / "daq.fmu", fmi=3)
+    scenario = {"title": "A sampler", "components": {"daq": {"fmu": "daq.fmu"}}, "run": {"stop": 0.1, "step": 0.01}}
+    (tmp_path / "sampler.yaml").write_text(json.dumps(scenario))
+    notes = export(tmp_path / "sampler.yaml", tmp_path / "sampler.ssp", tool).notes
+    told = "daq: ecos aborts where it closes an FMU with clocks; give it one of FMI 2.0"
+    assert (told in notes) is (tool is Tool.ECOS)

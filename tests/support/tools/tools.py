@@ -24,6 +24,8 @@ from tests.support.tools import maven
 Job = dict[str, Any]
 Rows = list[list[float]]
 
+UNFREED: list[Any] = []  # ecos 0.7.2 frees the clocks of FMUs twice when it closes them, and aborts
+
 
 def references(job: Job) -> list[int]:
     return [described(job).variables[name] for name in job["outputs"]]
@@ -132,15 +134,16 @@ def ecos(job: Job) -> Rows:
     from ecospy.EcosSimulation import EcosSimulation
     from ecospy.EcosSimulationStructure import EcosSimulationStructure
 
-    with EcosSimulationStructure() as structure:
-        structure.add_model("m", job["path"])
-        with EcosSimulation(structure=structure, step_size=job["step"]) as simulation:
-            simulation.init()
-            rows = []
-            for _ in range(job["count"]):
-                simulation.step()
-                rows.append([simulation.get_real(f"m::{name}") for name in job["outputs"]])
-            return rows
+    structure = EcosSimulationStructure()
+    UNFREED.append(structure)
+    structure.add_model("m", job["path"])
+    with EcosSimulation(structure=structure, step_size=job["step"]) as simulation:
+        simulation.init()
+        rows = []
+        for _ in range(job["count"]):
+            simulation.step()
+            rows.append([simulation.get_real(f"m::{name}") for name in job["outputs"]])
+        return rows
 
 
 def libcosim(job: Job) -> Rows:
