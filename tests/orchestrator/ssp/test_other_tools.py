@@ -18,7 +18,7 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd
 
 from fmus import library
-from fmus.packaging import native
+from fmus.packaging.native import build as native
 from orchestrator.scenario.exchange import export
 from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.outline import Tool
