@@ -179,8 +179,21 @@ def _end_group(group: int, words: LastWords) -> None:
     with suppress(OSError):  # there is none
         while monotonic() < begun + (_SAVING if words.said(SAVING) else _LEAVING):
             os.killpg(group, 0)
+            if _over(group):
+                return
             sleep(0.01)
         os.killpg(group, signal.SIGKILL)
+
+
+def _over(group: int) -> bool:
+    """Whether all processes of a group have ended: the first process of a container may never take note of it, and they
+    stay in the system's table."""
+    states = []
+    for file in Path("/proc").glob("[0-9]*/stat"):  # there are none but on Linux
+        with suppress(OSError):  # one that is gone by now
+            state, _, own = file.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[:3]
+            states += [state] if own == str(group) else []
+    return bool(states) and set(states) <= {"Z", "X"}
 
 
 def _rescued(words: LastWords) -> str:

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from orchestrator import guard
+from orchestrator.processes.last_words import LastWords
+
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
 ROOT = Path(__file__).parents[2]
 COMMAND = """
@@ -159,3 +162,14 @@ def test_what_was_killed_as_a_whole_is_removed_by_the_next_and_what_lives_is_not
     first.communicate(timeout=60)
     subprocess.run(another, env=environment, check=True, stdout=subprocess.DEVNULL)
     assert list((tmp_path / "scratch").iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there is it seen who has ended")
+def test_processes_whose_end_nobody_notes_are_not_waited_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""], start_new_session=True) as left:
+        os.waitid(os.P_PID, left.pid, os.WEXITED | os.WNOWAIT)
+        os.killpg(left.pid, 0)  # it is still in the table
+        slept: list[float] = []
+        monkeypatch.setattr(guard, "sleep", slept.append)
+        guard._end_group(left.pid, LastWords(tmp_path / "words"))
+    assert slept == []
