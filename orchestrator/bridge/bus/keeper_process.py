@@ -39,7 +39,7 @@ from orchestrator.realtime.pacing import SWITCHING
 from orchestrator.realtime.priority import short_time_slices
 from orchestrator.trace import FloatArray
 
-_BEGIN, _END = -2, -1  # instead of the number of a step
+_BEGIN, _END = -2, -1  # instead of the number of a step; with the instant of the first, and the number of the last
 _TRIES = 1000  # to read values that are not just being written
 _TELLING = 0.5  # between two reports of how it goes [s]
 _ENDING = 10.0  # patience with the process at the end [s]
@@ -93,7 +93,8 @@ class _ProcessKeeper:
         process: int,
     ) -> None:
         self._buses, self._board, self._steps, self._news, self._process = buses, board, steps, news, process
-        self._coupling, self._step, self._place, self._taken = coupling, step, _place(buses), 0.0
+        self._coupling, self._step, self._place = coupling, step, _place(buses)
+        self._number, self._taken = -1, 0.0
         self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
         self._report: TrafficReport | None = None
         self._status = Figures.of("", {})
@@ -117,6 +118,7 @@ class _ProcessKeeper:
         return self._board.read()
 
     def send(self, number: int, outputs: Sequence[float], now: float, deadline: float) -> None:
+        self._number = number
         if self._tell(number, deadline, outputs):
             self._taken = now
         elif now - self._taken > self._coupling.rules.give_up:
@@ -134,7 +136,7 @@ class _ProcessKeeper:
     def end(self) -> TrafficReport:
         self._steps.settimeout(min(self._coupling.rules.give_up, _ENDING))  # it is to hear of it after all the rest
         with suppress(ServotwinError):
-            self._tell(_END, 0.0, [0.0] * len(self._coupling.outputs))
+            self._tell(_END, self._number, [0.0] * len(self._coupling.outputs))
             self._thread.join(_ENDING)
         return self._report or self._in_its_place()
 
@@ -305,10 +307,13 @@ class _Guard:
             with suppress(BlockingIOError):
                 awake.recv(4096)
             records = self._records()
-            if self._orphan or (records and records[-1][0] == _END):
-                return
             if records and records[0][0] == _BEGIN:
                 self._start = records.pop(0)[1]
+            if records and records[-1][0] == _END:
+                traffic.pass_over(int(records[-1][1]))
+                return
+            if self._orphan:
+                return
             if not self._start:
                 continue
             now = self._now()

@@ -111,15 +111,19 @@ class BusTraffic:
         self._look(now)
         resting = self._resting()
         for message in self._coupling.sent:
-            due, line = number // message.every - self._number // message.every, self._line(message)
-            send = due > 0 and not self._too_soon(message, now) and not line.full
-            line.blocked += due * line.full
-            self._skipped += 0 if line.full else due - send
-            message.leave_out(max(due - send - self._stood_in.pop(message, 0), 0))
+            due = self._due(message, number)
+            send = due > 0 and not self._too_soon(message, now) and not self._line(message).full
+            self._leave_out(message, due - send)
             if send:
                 frame = message.frame(outputs, resting)
                 if frame is not None:
                     self._give(message, frame, now)
+        self._number = number
+
+    def pass_over(self, number: int) -> None:
+        """Count what was due up to this step, which came too late for it: only safe values are still to be sent."""
+        for message in self._coupling.sent:
+            self._leave_out(message, self._due(message, number))
         self._number = number
 
     def watch(self, now: float) -> float:
@@ -282,6 +286,17 @@ class BusTraffic:
             return f"{signal.output} is not finite"
         line = self._home[signal]
         return f"{line.name} is full" if line.full else self._late
+
+    def _due(self, message: SentMessage, number: int) -> int:
+        """How many of its frames are due after the last step, up to this one."""
+        return number // message.every - self._number // message.every
+
+    def _leave_out(self, message: SentMessage, count: int) -> None:
+        """Send so many frames less than are due."""
+        line = self._line(message)
+        line.blocked += count * line.full
+        self._skipped += count * (not line.full)
+        message.leave_out(max(count - self._stood_in.pop(message, 0), 0))
 
     def _resting(self) -> set[SentSignal]:
         return {signal for signal, status in self._status.items() if status.rests}

@@ -87,6 +87,20 @@ def test_frames_that_late_steps_leave_out_are_missing_in_the_counter(rig: Databa
     assert counters == [1, 2, 3, 8, 9]
 
 
+def test_frames_of_steps_that_come_together_with_the_end_are_counted_and_the_last_command_is_the_safe_value(
+    rig: Database,
+) -> None:
+    bus = ScriptedBus()
+    traffic = on(bus, rig, [])
+    run(traffic, bus, 0, 21)
+    traffic.pass_over(55)
+    traffic.end(0.055)
+    report = traffic.report(0.055)
+    assert torques(bus) == pytest.approx([0.25] * 3 + [0.125], abs=5e-4)
+    assert report.skipped == 3 and report.blocked == 0  # those at 30, 40 and 50
+    assert [message.data[2] & 15 for message in bus.identified(GUARDED)] == [1, 2, 3, 7]
+
+
 def test_late_steps_are_no_burst_of_old_commands_and_go_on_after_good_ones(rig: Database) -> None:
     bus, said = ScriptedBus(), list[str]()
     traffic = on(bus, rig, said, after=0.02)
