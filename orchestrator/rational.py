@@ -12,13 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import WiringError
+from fmus.units import SECOND, parse
 
-_NUMBER = re.compile(r"[+-]?\d{0,30}(\.\d{0,30})?(e[+-]?\d{1,3})?|[+-]?\d{1,30}\s?/\s?\d{1,30}", re.ASCII | re.I)
+_DIGITS = "[0-9]{1,30}"
+_DECIMAL = rf"(?:{_DIGITS}(?:\.[0-9]{{0,30}})?|\.{_DIGITS})(?:[eE][+-]?[0-9]{{1,3}})?"
+_TIME = re.compile(rf"([+-]?(?:{_DIGITS} ?/ ?{_DIGITS}|{_DECIMAL}))(?: ?([a-zA-Zµμ]{{1,9}}))?")
 _SHORTEST, _LONGEST = Fraction(1, 10**15), 10**15  # [s]
 
 
 def seconds(value: str | float | int | Fraction, place: str = "time") -> Fraction:
-    """The exact value of a decimal or a quotient: 0.001, "1/300", "2e-3" [s].
+    """The exact value of a decimal or a quotient, with a unit or in seconds: 0.001, "1/300", "2e-3", "10 ms" [s].
 
     Raises:
         WiringError: not a number, or beyond what can be stepped (1e-15 to 1e15 s in size; 0 is a time).
@@ -26,16 +29,27 @@ def seconds(value: str | float | int | Fraction, place: str = "time") -> Fractio
     try:
         exact = value if isinstance(value, Fraction) else _parsed(str(value).strip())
     except (ValueError, ZeroDivisionError):
-        raise WiringError(place, f"{_short(value)} is no time", 'give seconds, such as 0.001 or "1/300"') from None
+        fix = 'give seconds, such as 0.001 or "1/300", or a unit of time, 10 ms'
+        raise WiringError(place, f"{_short(value)} is no time", fix) from None
     if exact and not _SHORTEST <= abs(exact) <= _LONGEST:
         raise WiringError(place, f"{_short(value)} s cannot be stepped", "give seconds, such as 0.001")
     return exact
 
 
 def _parsed(text: str) -> Fraction:
-    if not _NUMBER.fullmatch(text):
+    found = _TIME.fullmatch(text)
+    if not found:
         raise ValueError(text)
-    return Fraction("".join(text.split()))
+    number = Fraction("".join(found[1].split()))
+    return number * _length(found[2]) if found[2] else number
+
+
+def _length(name: str) -> Fraction:
+    """How long a unit of time is [s]."""
+    unit = parse(name)
+    if unit is None or unit.exponents != SECOND.exponents:
+        raise ValueError(name)
+    return Fraction(repr(unit.factor))
 
 
 def _short(value: object) -> str:

@@ -13,7 +13,15 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, GetJsonSchemaHandler, StringConstraints, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    StringConstraints,
+    ValidationError,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from ruamel.yaml import YAML
@@ -80,13 +88,19 @@ def exact(value: Any) -> Fraction:
         raise ValueError(f"{error.problem}; {error.fix}") from error
 
 
-_TIME = r"^\s*[+-]?(\d+\s?/\s?\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*$"
-_Text = Annotated[str, StringConstraints(pattern=_TIME)]
+_TIME = r"^\s*[+-]?(\d+ ?/ ?\d+|(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)( ?[a-zA-Zµμ]+)?\s*$"
+_Text = Annotated[str, StringConstraints(pattern=_TIME), Field(examples=["10 ms", "1/300"])]
 Seconds = Annotated[Fraction, BeforeValidator(exact, json_schema_input_type=float | _Text)]
-"""A time as files hold it [s]: a number, or text where a quotient is exact; 0.001, "1/300"."""
+"""A time as files hold it [s]: a number, or text with a unit or a quotient that is exact; 0.001, "1/300", "10 ms"."""
+Time = Annotated[
+    float,
+    BeforeValidator(lambda value: float(exact(value)), json_schema_input_type=float | _Text),
+    Field(allow_inf_nan=False),
+]
+"""The same where it need not be exact."""
 
 _QUANTITY = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?(\s*[^\s0-9.]|\s+1\s*/).*$"
-Quantity = Annotated[str, StringConstraints(pattern=_QUANTITY)]
+Quantity = Annotated[str, StringConstraints(pattern=_QUANTITY), Field(examples=["90 deg"])]
 """A number with its unit, `90 deg`."""
 
 

@@ -27,10 +27,10 @@ from identification.output_error.study import OutputErrorStudy
 from identification.recordings.schema import StudyBlock
 from identification.results import covariance_in, read_summary
 from orchestrator.rational import seconds
-from orchestrator.scenario.expectations.quantities import Share, Time
+from orchestrator.scenario.expectations.quantities import Share
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.trace import FloatArray
-from orchestrator.yaml_file import Block, Seconds, load
+from orchestrator.yaml_file import Block, Seconds, Time, load
 
 
 class SpanBlock(Block):

@@ -18,7 +18,7 @@ from orchestrator.can.database.sources import paths
 from orchestrator.formats import Layout
 from orchestrator.formats.schema import LayoutBlock
 from orchestrator.marks import Seen
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Time
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class StretchBlock(Block):
     """
 
     trace: str | None = None
-    from_: float | None = Field(None, alias="from")
-    to: float | None = None
+    from_: Time | None = Field(None, alias="from")
+    to: Time | None = None
     signal: str | None = None
     above: float | None = None
     below: float | None = None
@@ -111,7 +111,7 @@ class StretchBlock(Block):
         return Exclusion(self.trace, self.signal, **{key: end for key, end in given.items() if end is not None})
 
 
-Stretch = tuple[float, float] | StretchBlock
+Stretch = tuple[Time, Time] | StretchBlock
 
 
 def _stretch(value: Any) -> Any:
@@ -132,8 +132,8 @@ class ExcludedPartBlock(Block):
     """
 
     trace: str
-    from_: float | None = Field(None, alias="from")
-    to: float | None = None
+    from_: Time | None = Field(None, alias="from")
+    to: Time | None = None
 
     @model_validator(mode="after")
     def _some(self) -> ExcludedPartBlock:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -16,7 +16,7 @@ from identification.subspace.orders import Best, Gap, OrderRule, Threshold
 from identification.subspace.range_space import SubspaceSettings
 from identification.subspace.refinement.prediction_error import Refinement
 from identification.subspace.weightings import Weighting
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Time
 
 _BLOCKS = (5, 10, 20, 30)
 
@@ -118,7 +118,7 @@ class SubspaceBlock(RecordedStudyBlock):
     method: Literal["subspace"]
     inputs: list[str] = Field(min_length=1)
     outputs: list[str] = Field(min_length=1)
-    sample: float | None = Field(None, gt=0)
+    sample: Annotated[Time, Field(gt=0)] | None = None
     preparation: PreparationBlock = PreparationBlock()
     block: int | None = Field(None, ge=2)
     past: int | None = Field(SubspaceSettings.past, ge=1)

@@ -26,7 +26,7 @@ from fmus.errors import ScenarioError
 from fmus.files import sha256
 from orchestrator.progress import READY
 from orchestrator.results import CaseDocument, FileDocument, check_target, versions, write_json
-from orchestrator.yaml_file import Block, load, naming
+from orchestrator.yaml_file import Block, Time, load, naming
 
 LINES_KEPT = 60
 _NAP = 0.02  # between two looks at what commands do [s]
@@ -49,9 +49,9 @@ class ProcedureStepBlock(Block):
     beside: list[str] = []
     run: list[str] = Field(min_length=1)
     may_end: bool = False
-    ready_within: float = Field(120.0, gt=0)
-    run_within: float = Field(1800.0, gt=0)
-    end_within: float = Field(30.0, gt=0)
+    ready_within: Time = Field(120.0, gt=0)
+    run_within: Time = Field(1800.0, gt=0)
+    end_within: Time = Field(30.0, gt=0)
 
     @field_validator("beside", "run")
     @classmethod

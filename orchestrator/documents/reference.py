@@ -99,7 +99,8 @@ def _kind(part: Schema, document: Schema) -> str:
 
 def _plain(part: Schema) -> str:
     if part.get("type") == "string":
-        return "file" if part.get("format") == "path" else "text"
+        examples = ", ".join(f"`{one}`" for one in part.get("examples", []))
+        return "file" if part.get("format") == "path" else f"text ({examples})" if examples else "text"
     words = {"number": "number", "integer": "whole number", "boolean": "true or false"}
     return words.get(str(part.get("type")), "anything") + _range(part)
 

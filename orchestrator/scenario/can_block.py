@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from orchestrator.yaml_file import Block, Quantity, Seconds
+from orchestrator.yaml_file import Block, Quantity, Seconds, Time
 
 
 class ReceivedBlock(Block):
@@ -27,7 +27,7 @@ class ReceivedBlock(Block):
 
     signal: str
     safe: float | Quantity
-    silence: float | None = Field(None, gt=0)
+    silence: Annotated[Time, Field(gt=0)] | None = None
     range: Literal["limit", "reject"] = "limit"
     channel: int | None = Field(None, ge=0)
 
@@ -100,12 +100,12 @@ class CanBlock(Block):
     receive: dict[str, ReceivedBlock] = {}
     send: dict[str, Sent] = {}
     every: dict[str, Seconds] = {}
-    silence: float = Field(0.1, gt=0)
+    silence: Time = Field(0.1, gt=0)
     resume: Literal["auto", "latch"] = "auto"
-    after: float = Field(0.1, ge=0)
+    after: Time = Field(0.1, ge=0)
     on_silence: Literal["rest", "end"] = "rest"
-    most_late: float | None = Field(None, gt=0)
-    give_up: float = Field(2.0, gt=0)
+    most_late: Annotated[Time, Field(gt=0)] | None = None
+    give_up: Time = Field(2.0, gt=0)
     reconnect: bool = False
     stop: str | None = None
 

@@ -32,6 +32,12 @@ FRACTIONS = st.builds(Fraction, st.integers(1, 10**6), st.integers(1, 10**6))
         ("-0.25", Fraction(-1, 4)),
         (0, Fraction(0)),
         (1e-15, Fraction(1, 10**15)),
+        ("10 ms", Fraction(1, 100)),
+        ("1/3 ms", Fraction(1, 3000)),
+        ("1/300 s", Fraction(1, 300)),
+        ("2.5e1us", Fraction(1, 40_000)),
+        ("5 µs", Fraction(1, 200_000)),
+        ("2 min", Fraction(120)),
     ],
 )
 def test_seconds_are_the_decimal_that_was_written_not_its_float(given_as: object, exact: Fraction) -> None:
@@ -68,8 +74,11 @@ HOSTILE = [
     "1e16",
     "1e-16",
     "१",
-    "1/300 s",
     "1e\n3",
+    "10\nms",
+    "10 m",
+    "1 kHz",
+    "3 s2",
 ]
 
 

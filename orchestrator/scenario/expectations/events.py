@@ -17,9 +17,9 @@ from orchestrator.measures.events import Direction
 from orchestrator.scenario.expectations.base import Check, Condition, ExpectationScope, Expected, Judgement, Ran
 from orchestrator.scenario.expectations.figure import Figure, shown
 from orchestrator.scenario.expectations.on_signal import OnSignal
-from orchestrator.scenario.expectations.quantities import Dimension, Distance, Level, Time, brought
+from orchestrator.scenario.expectations.quantities import Dimension, Distance, Level, brought
 from orchestrator.trace import FloatArray, Trace
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Time
 
 SHOWN = 6  # times of events in a text
 

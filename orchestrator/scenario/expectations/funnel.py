@@ -13,10 +13,10 @@ from orchestrator.measures import FunnelTolerance, funnel
 from orchestrator.scenario.expectations.base import ExpectationScope, Judgement, Tube
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.limits import inside
-from orchestrator.scenario.expectations.quantities import Distance, Share, Time, brought
+from orchestrator.scenario.expectations.quantities import Distance, Share, brought
 from orchestrator.scenario.expectations.reference import Tubed, too_wide
 from orchestrator.trace import FloatArray
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Time
 
 
 class FunnelBlock(Block):

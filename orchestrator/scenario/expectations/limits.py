@@ -14,7 +14,7 @@ from orchestrator.scenario.expectations.base import Condition, ExpectationScope,
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.quantities import Dimension, Level, Number, brought
 from orchestrator.trace import FloatArray, Trace
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Time
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Piece(Block):
         below, above: bounds; two values are those at its begin and its end [unit of the signal].
     """
 
-    to: float | None = None
+    to: Time | None = None
     below: Annotated[Level | tuple[Level, Level] | None, Dimension.LEVEL] = None
     above: Annotated[Level | tuple[Level, Level] | None, Dimension.LEVEL] = None
 

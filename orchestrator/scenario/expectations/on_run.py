@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 from fmus.errors import ScenarioError
 from orchestrator.scenario.expectations.base import Check, Expected, Ran
 from orchestrator.scenario.expectations.figure import FigureBounds
-from orchestrator.scenario.expectations.quantities import Dimension, Time
+from orchestrator.scenario.expectations.quantities import Dimension
+from orchestrator.yaml_file import Time
 
 NO_BUS = "not on a bus"
 

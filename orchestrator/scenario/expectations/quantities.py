@@ -109,7 +109,7 @@ def frequency(place: str, value: Number) -> float:
     return number(place, value, named("rad/s"))
 
 
-def _reading(unit: str, read: Callable[[str, Number], float]) -> BeforeValidator:
+def _reading(unit: str, read: Callable[[str, Number], float], example: str) -> BeforeValidator:
     def checked(value: Any) -> Any:
         if not isinstance(value, str):
             return value
@@ -118,14 +118,13 @@ def _reading(unit: str, read: Callable[[str, Number], float]) -> BeforeValidator
         except (FmuFileError, WiringError) as error:
             raise ValueError(f"'{value}' is no quantity in {unit}") from error
 
-    return BeforeValidator(checked, json_schema_input_type=float | Quantity)
+    text = Annotated[Quantity, Field(examples=[example])]
+    return BeforeValidator(checked, json_schema_input_type=float | text)
 
 
-Time = Annotated[float, _reading("s", lambda place, value: number(place, value, named("s")))]
-"""[s], or with its unit: `20 ms`."""
-Share = Annotated[float, _reading("1", lambda place, value: number(place, value, named("1")))]
+Share = Annotated[float, _reading("1", lambda place, value: number(place, value, named("1")), "5 %")]
 """[1], or `5 %`."""
-Frequency = Annotated[float, _reading("rad/s or Hz", frequency), Field(gt=0)]
+Frequency = Annotated[float, _reading("rad/s or Hz", frequency, "2 Hz"), Field(gt=0)]
 """[rad/s], or `2 Hz`."""
 Level = Annotated[float | Quantity, Dimension.LEVEL]
 """A value of the signal, in its unit or with its own: `90 deg`."""

@@ -11,9 +11,9 @@ from orchestrator import measures
 from orchestrator.fmi.interface import Port
 from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement
 from orchestrator.scenario.expectations.figure import Figure
-from orchestrator.scenario.expectations.quantities import Dimension, Distance, Level, Share, Time, brought
+from orchestrator.scenario.expectations.quantities import Dimension, Distance, Level, Share, brought
 from orchestrator.trace import FloatArray, Trace
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Time
 
 
 class FinalValue(Figure):

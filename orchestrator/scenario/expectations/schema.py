@@ -40,7 +40,7 @@ from orchestrator.scenario.expectations.response import (
 )
 from orchestrator.scenario.expectations.stochastic import MOST_SEEDS, BandBlock, InBand, Often
 from orchestrator.scenario.references import Accepted, CaseReferences
-from orchestrator.yaml_file import Block, Quantity
+from orchestrator.yaml_file import Block, Quantity, Time
 
 FIRST = ("near", "reference", "below", "above", "equals", "refused")
 FIGURES = (
@@ -172,8 +172,8 @@ class ExpectationBlock(Block):
 
     signal: str | None = None
     signals: list[str] | None = Field(None, min_length=1)
-    after: float | None = None
-    before: float | None = None
+    after: Time | None = None
+    before: Time | None = None
 
     near: float | Quantity | None = None
     below: float | Quantity | None = None

@@ -8,9 +8,9 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from fmus.errors import ScenarioError
-from orchestrator.scenario.expectations.quantities import Share, Time
+from orchestrator.scenario.expectations.quantities import Share
 from orchestrator.scenario.expectations.schema import ExpectationBlock
-from orchestrator.yaml_file import Block, Quantity, load
+from orchestrator.yaml_file import Block, Quantity, Time, load
 
 Level = int | float | bool | str
 Number = float | Quantity

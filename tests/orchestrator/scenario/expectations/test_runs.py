@@ -214,7 +214,7 @@ def test_events_of_several_signals_come_in_order() -> None:
         ({"signal": "y", "range": [{"to": 3}]}, "give `below`, `above` or both"),
         ({"signal": "y", "overshoot": {"target": 1, "at_most": "5 kg"}}, None),
         ({"signal": "y", "settling_time": {"target": 1, "band": 0.1, "at_most": 1, "over": 2}}, "Extra inputs"),
-        ({"signal": "y", "final_value": {"over": "2 kg", "at_most": 1}}, "'2 kg' is no quantity in s"),
+        ({"signal": "y", "final_value": {"over": "2 kg", "at_most": 1}}, "'2 kg' is no time; give seconds"),
         ({"signal": "y", "monotone": "risen"}, "write rising or falling, or keys: direction, slack"),
         ({"signal": "y", "limit_cycle": "some"}, "write none, or keys: amplitude"),
         ({"frames_lost": {"component": "y", "at_most": 0}}, "Extra inputs"),
