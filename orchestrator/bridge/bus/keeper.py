@@ -46,13 +46,15 @@ class Keeper(Protocol):
 
 class _ThreadKeeper:
     def __init__(self, traffic: BusTraffic, step: float) -> None:
-        self._traffic, self._step, self._start = traffic, step, 0.0
+        self._traffic, self._step, self._start = traffic, step, 0.0  # of the beginning, which is still to be known
         self._lock, self._over = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._watch, name="guard of the bus", daemon=True)
+        self._thread.start()
 
     def begin(self, start: float) -> None:
-        self._start = start
-        self._thread.start()
+        with self._lock:
+            self._start = start
+            self._traffic.begin(start)
 
     def inputs(self, now: float) -> FloatArray:
         with self._lock:
@@ -72,8 +74,7 @@ class _ThreadKeeper:
 
     def end(self) -> TrafficReport:
         self._over.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.join()
         now = max(time.monotonic() - self._start, 0.0)
         self._traffic.end(now)
         return self._traffic.report(now)
@@ -81,7 +82,10 @@ class _ThreadKeeper:
     def _watch(self) -> None:
         while not self._over.wait(max(self._step, 0.002)):
             with self._lock:
-                self._traffic.watch(time.monotonic() - self._start)
+                if self._start:
+                    self._traffic.watch(time.monotonic() - self._start)
+                else:
+                    self._traffic.listen(time.monotonic())
 
 
 @contextmanager

@@ -289,6 +289,7 @@ class _Guard:
                 wake.send(b".")
 
         with on_buses(self._buses, self._coupling, self._step, self._say, arrived=arrived) as traffic:
+            self._board.write(traffic.inputs, 0)
             self._tell(None)
             self._serve(traffic, awake)
             now = self._now()
@@ -309,12 +310,14 @@ class _Guard:
             records = self._records()
             if records and records[0][0] == _BEGIN:
                 self._start = records.pop(0)[1]
+                traffic.begin(self._start)
             if records and records[-1][0] == _END:
                 traffic.pass_over(int(records[-1][1]))
                 return
             if self._orphan:
                 return
             if not self._start:
+                traffic.listen(time.monotonic())
                 continue
             now = self._now()
             traffic.receive(now)

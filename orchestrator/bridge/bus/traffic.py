@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
@@ -71,6 +71,7 @@ class BusTraffic:
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
         self._not_finite: set[SentSignal] = set()
         self._news, self._states, self._seen = news, ErrorStates(), (0.0, [0.0] * len(lines))
+        self._early: deque[tuple[float, int, can.Message]] = deque(maxlen=QUEUE)  # with when they came, and their bus
         self._skipped = 0
         self._stood_in = Counter[SentMessage]()  # safe values that went out since the last step, in place of its frames
         self._number, self._beat, self._late = -1, 0.0, ""
@@ -82,6 +83,18 @@ class BusTraffic:
     def trouble(self) -> str:
         """Why a bus is lost for good, "" while none is."""
         return next((line.link.trouble for line in self._lines if not line.link.reopens and line.link.trouble), "")
+
+    def listen(self, at: float) -> None:
+        """Keep the latest of what comes before the beginning; it is `at` on the clock of `time.monotonic` [s]."""
+        for bus, line in enumerate(self._lines):
+            self._early += [(at, bus, frame) for frame in line.take()]
+
+    def begin(self, start: float) -> None:
+        """Take what has come until now as old as it is; the beginning is at `start` of that clock [s]."""
+        self._states.add([frame for _, _, frame in self._early])
+        for at, bus, frame in self._early:
+            self._take(frame, bus, at - start)
+        self._early.clear()
 
     def receive(self, now: float) -> None:
         """Take what has come, and safe values where nothing came; it is `now` since the beginning [s]."""

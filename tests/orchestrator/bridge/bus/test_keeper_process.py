@@ -33,7 +33,7 @@ LAW = {
     "run": {"stop": 600, "step": 0.005},
     "can": {
         "database": "rig.dbc",
-        "receive": {"law.angle": {"signal": "angle", "safe": 0}, "law.speed": {"signal": "speed", "safe": 0}},
+        "receive": {"law.angle": {"signal": "angle", "safe": 0.5}, "law.speed": {"signal": "speed", "safe": 0}},
         "send": {"voltage": {"source": "law.voltage", "safe": 1}},
         "every": {"Command": 0.005},
         "silence": 30,

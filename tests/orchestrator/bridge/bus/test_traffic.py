@@ -77,6 +77,38 @@ def test_safe_values_go_out_at_their_period_while_no_step_ends(rig: Database) ->
     assert said == ["t = 0.151 s: torque rests: no step has ended for 0.051 s"]
 
 
+def test_frames_from_before_the_beginning_are_as_old_as_they_are(rig: Database) -> None:
+    silence, lead = cast(float, BLOCK["silence"]), 0.02
+    for age, driven in ((silence - lead, True), (silence + 2 * STEP, False)):
+        bus, said = ScriptedBus(), list[str]()
+        traffic = on(bus, rig, said)
+        bus.waiting.append(frame(COMMAND, struct.pack("<hH", 7000, 0)))
+        traffic.listen(500.0)
+        traffic.begin(500.0 + age)
+        traffic.receive(0.0)
+        traffic.send(0, [0.25], 0.0, 0.0)
+        assert traffic.inputs[-2] == pytest.approx(7.0 * driven)
+        assert torques(bus) == pytest.approx([0.25 if driven else 0.125], abs=5e-4)
+        assert said == [] if driven else said[0].startswith("t = 0.000 s: Command: no frame for 0.2 s")
+        traffic.receive(lead + STEP)
+        traffic.send(10, [0.25], lead + STEP, 0.0)
+        assert torques(bus)[-1] == pytest.approx(0.125, abs=5e-4)  # as old as it is from then on, too
+
+
+def test_of_a_long_time_before_the_beginning_the_latest_frames_are_kept(
+    rig: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.bridge.bus.traffic.QUEUE", 10)
+    bus = ScriptedBus()
+    traffic = on(bus, rig, [])
+    for number in range(100):
+        bus.waiting.append(frame(COMMAND, struct.pack("<hH", number, 0)))
+        traffic.listen(number * STEP)
+    traffic.begin(0.1)
+    assert traffic.inputs[-2] == pytest.approx(0.099)
+    assert traffic.report(0.0).received.messages == {"Command": 10}
+
+
 def test_frames_that_late_steps_leave_out_are_missing_in_the_counter(rig: Database) -> None:
     bus, said = ScriptedBus(), list[str]()
     traffic = on(bus, rig, said)
