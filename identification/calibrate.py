@@ -41,7 +41,6 @@ from orchestrator.results import (
     CheckDocument,
     FileDocument,
     aside,
-    check_target,
     result_folder,
     write_json,
 )
@@ -227,8 +226,7 @@ def calibrate_study(
         EstimationInterrupted, EstimationFailed: as in `calibrate`; what had been estimated is written.
     """
     study = _loaded(study_file, "calibrate")
-    check_target(target, [study_file, *([data] if data is not None else [])])
-    with aside(target) as near:
+    with aside(target, [study_file, *([data] if data is not None else [])]) as near:
         try:
             found = _found(study, data, progress, isolation, near / LOG_FILE)
         except STOPPED as stop:
@@ -265,8 +263,7 @@ def _without_data(
     study_file: Path, command: str, target: Path, progress: Progress, isolation: Isolation | None = None
 ) -> Summary:
     study = _loaded(study_file, command)
-    check_target(target, [study_file])
-    with aside(target) as near:
+    with aside(target, [study_file]) as near:
         return _written(_found(study, None, progress, isolation, near / LOG_FILE), target, progress)
 
 

@@ -25,7 +25,6 @@ from orchestrator.progress import Progress, silent
 from orchestrator.report import Report
 from orchestrator.results import (
     aside,
-    check_target,
     result_folder,
     write_json,
 )
@@ -68,8 +67,7 @@ def validate_result(
         InputError, FmuError: as in `validate`, or the target holds something else.
     """
     result_file(folder, STUDY)
-    check_target(target, [folder, data])
-    with aside(target) as near:
+    with aside(target, [folder, data]) as near:
         with kept(near / LOG_FILE):
             validation = validate(folder, data, progress, isolation)
         messages = Messages.of(near / LOG_FILE)

@@ -104,14 +104,13 @@ def permitted(given: Permission) -> Iterator[None]:
 
 
 @contextmanager
-def result_folder(target: Path, inputs: Iterable[Path] = (), begins: bool = True) -> Iterator[Path]:
+def result_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """A folder to fill that becomes `target` when all went well; an earlier result there is replaced.
 
     Raises:
-        InputError: see `check_target`.
+        InputError: see `aside`.
     """
-    check_target(target, inputs, begins=begins)
-    with aside(target) as near:
+    with aside(target, inputs, begins=False) as near:
         fresh = near / "fresh"
         fresh.mkdir()
         yield fresh
@@ -126,13 +125,20 @@ def result_folder(target: Path, inputs: Iterable[Path] = (), begins: bool = True
 
 
 @contextmanager
-def aside(target: Path) -> Iterator[Path]:
-    """A hidden folder on the disk that a result goes to; those that killed commands have left there go.
+def aside(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = True, begins: bool = True) -> Iterator[Path]:
+    """A hidden folder on the disk that a result goes to, where it may go there; those that killed commands have left
+    there go.
+
+    Args:
+        inputs: what the work reads, besides what the permission names.
+        replaces: whether what is there goes, or is only added to.
+        begins: whether the work is still to be done; where it is done, a disk that is nearly full is no reason.
 
     Raises:
-        InputError: there is no writing there.
+        InputError: `target` is there and holds something that is no result of ours, or that others put beside one;
+            or it is or contains the working folder or an input; or there is no writing there; or the disk is full.
     """
-    place = target.resolve()
+    place = _sound(target, inputs, replaces)
     hidden, near = f".{place.name}", next(parent for parent in place.parents if parent.exists())
     with ExitStack() as stack:
         try:
@@ -141,10 +147,18 @@ def aside(target: Path) -> Iterator[Path]:
             folder = stack.enter_context(owned_folder(near, hidden))
         except OSError as error:
             raise _unwritable(target, error) from error
+        if begins and (free := shutil.disk_usage(folder).free) < LEAST_FREE:
+            raise InputError(target, f"is on a disk with {free / 1e6:.0f} MB left", "make space, or give another --out")
         stack.enter_context(last_words.own().saying(last_words.LITTER, folder))
         with suppress(OSError):  # a full disk; whoever writes the result says so
             write_json(folder / CLAIM, {"of": _sources(place)})
         yield folder
+
+
+def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = True) -> None:
+    """See that a result may be written there, before the work for it is done; as `aside`, which raises the same."""
+    with aside(target, inputs, replaces=replaces):
+        pass
 
 
 def default_folder(file: Path, ending: str = "") -> Path:
@@ -195,18 +209,8 @@ def _unwritable(target: Path, error: OSError) -> InputError:
     return InputError(target, f"cannot be written ({error.strerror})", "give another --out")
 
 
-def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = True, begins: bool = True) -> None:
-    """See that a result may be written there, before the work for it is done.
-
-    Args:
-        inputs: what the work reads, besides what the permission names.
-        replaces: whether what is there goes, or is only added to.
-        begins: whether the work is still to be done; where it is done, a disk that is nearly full is no reason.
-
-    Raises:
-        InputError: `target` is there and holds something that is no result of ours, or that others put beside one;
-            or it is or contains the working folder or an input; or it cannot be written; or the disk is full.
-    """
+def _sound(target: Path, inputs: Iterable[Path], replaces: bool) -> Path:
+    """The place of a target that may hold a result."""
     place, allowed = target.resolve(), permission()
     if place.exists() and not place.is_dir():
         raise InputError(target, "is a file", "give another --out")
@@ -222,9 +226,7 @@ def check_target(target: Path, inputs: Iterable[Path] = (), *, replaces: bool = 
                 f"holds {listed(foreign, 1)}, which no command of ours wrote so",
                 "move that away, give another --out, or --force to replace all",
             )
-    with aside(target) as near:
-        if begins and (free := shutil.disk_usage(near).free) < LEAST_FREE:
-            raise InputError(target, f"is on a disk with {free / 1e6:.0f} MB left", "make space, or give another --out")
+    return place
 
 
 def _spare(target: Path, kept: Mapping[Path, str]) -> None:
@@ -328,7 +330,7 @@ def rescue(near: Path) -> str:
     except (OSError, ValueError, KeyError, TypeError):
         return ""
     # it is opened first, for a new result sweeps away what dead commands have left
-    with records[0].open("rb") as record, result_folder(target, begins=False) as folder:
+    with records[0].open("rb") as record, result_folder(target) as folder:
         name = f"run{records[0].suffix}"
         with (folder / name).open("wb") as copy:
             shutil.copyfileobj(record, copy)

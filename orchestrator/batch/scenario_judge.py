@@ -9,7 +9,7 @@ from pathlib import Path
 from fmus.errors import FmuError
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.said import LOG_FILE
-from orchestrator.results import FileDocument, aside, check_target
+from orchestrator.results import FileDocument, aside
 from orchestrator.scenario.results import document_of, write_run
 from orchestrator.scenario.run import CaseResult, CaseState, Keeping, ScenarioResult, run_scenario
 from orchestrator.scenario.scenario import Case, Scenario
@@ -59,13 +59,12 @@ class ScenarioJudge:
             FmuError: there is no case left to be tried.
             ServotwinError: what `run_scenario` raises, but for a failure of FMUs in a case.
         """
-        check_target(out, [file])
-        scenario = load_scenario(file)
-        left = tuple(case for number, case in enumerate(scenario.cases) if number not in self.lost)
-        if not left:
-            first = next(iter(self.lost.values()))
-            raise first.error(file if len(self.lost) == 1 else f"{file}: each of {len(self.lost)} cases")
-        with aside(out) as near:
+        with aside(out, [file]) as near:
+            scenario = load_scenario(file)
+            left = tuple(case for number, case in enumerate(scenario.cases) if number not in self.lost)
+            if not left:
+                first = next(iter(self.lost.values()))
+                raise first.error(file if len(self.lost) == 1 else f"{file}: each of {len(self.lost)} cases")
             keeping = Keeping(log=near / LOG_FILE)
             result = run_scenario(
                 replace(scenario, cases=left), keeping=keeping, isolation=self.isolation, going_on=True

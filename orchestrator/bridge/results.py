@@ -23,7 +23,7 @@ EVENTS = 50  # that the report shows
 
 def write(bridged: BridgeResult, target: Path) -> None:
     """Write the folder: `<case>.parquet`, manifest.json, report.html."""
-    with result_folder(target, begins=False) as folder:
+    with result_folder(target) as folder:
         for case in bridged.result.cases:
             if case.file is not None:
                 _take(case.file, folder / _trace_file(bridged, case))

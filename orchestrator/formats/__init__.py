@@ -93,8 +93,11 @@ def read(path: str | Path, layout: Layout | None = None, progress: Progress = si
     return replace(recording, notes=(f"is read as {suffix}, by its first bytes", *recording.notes))
 
 
-def write(trace: Trace, path: str | Path) -> None:
+def write(trace: Trace, path: str | Path, *, for_good: bool = True) -> None:
     """The trace in the format that the suffix names; the file is there as a whole or not at all.
+
+    Args:
+        for_good: whether it is on the disk, too, before it is there.
 
     Raises:
         TraceError: an unknown suffix, or names that the format cannot hold.
@@ -106,7 +109,7 @@ def write(trace: Trace, path: str | Path) -> None:
         raise TraceError(next(iter(trace.texts)), problem, f"leave it out, or write {', '.join(TEXTS)}")
     if "time" in trace.names:
         raise TraceError(trace.name, "a signal is named 'time', as the stamps are", "rename it")
-    atomic_write(path, partial(form.write, trace))
+    atomic_write(path, partial(form.write, trace), for_good=for_good)
 
 
 def _by_content(path: Path) -> str:

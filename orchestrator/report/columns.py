@@ -109,10 +109,10 @@ def column(values: FloatArray, rising: bool = False, thinned: bool = False) -> P
     starts = np.arange(0, len(values), PART)
     low, high = (reduce(finite, starts) if len(values) else finite for reduce in (np.fmin.reduceat, np.fmax.reduceat))
     bases = np.nan_to_num(low if rising else low / 2 + high / 2)
-    scale = _scale(finite, bases)
+    scale = _scale(low - bases, high - bases)
     head: Head = {"count": len(values), "bases": bases.tolist(), "scale": scale}
     if len(values) > RAW:
-        head["levels"] = _levels(finite, float(np.nan_to_num(np.nanmin(low) / 2 + np.nanmax(high) / 2)))
+        head["levels"] = _levels(finite, np.fmin.reduce(low), np.fmax.reduce(high))
     if thinned:
         return PageColumn(head)
     pieces = (finite[start : start + PART] - base for start, base in zip(starts, bases, strict=True))
@@ -128,20 +128,23 @@ def _even(values: FloatArray) -> tuple[float, float] | None:
     return (start, step) if off.max() <= EVEN * step else None
 
 
-def _scale(finite: FloatArray, bases: FloatArray) -> float:
-    """A power of two to which all values lie around their bases."""
-    if not len(finite):
-        return 1.0
-    spread = np.abs(finite - np.repeat(bases, PART)[: len(finite)])
-    most = float(np.nan_to_num(np.fmax.reduce(spread)))
+def _scale(lowest: FloatArray, highest: FloatArray) -> float:
+    """A power of two to which values lie around 0, of which these are the lowest and highest of parts."""
+    ends = np.abs(np.concatenate([lowest, highest]))
+    most = float(np.nan_to_num(np.fmax.reduce(ends))) if len(ends) else 0.0
     return float(2.0 ** np.clip(np.ceil(np.log2(most)), -1000, 1000)) if most else 1.0
 
 
-def _levels(finite: FloatArray, base: float) -> list[Level]:
-    """Lowest and highest of stretches, and of stretches of these, until few enough are left to be drawn."""
+def _levels(finite: FloatArray, lowest: np.float64, highest: np.float64) -> list[Level]:
+    """Lowest and highest of stretches, and of stretches of these, until few enough are left to be drawn.
+
+    Args:
+        lowest, highest: of all, NaN where there is none.
+    """
     low = high = finite
     levels, width = list[Level](), 1
-    scale = _scale(finite, np.full(-(-len(finite) // PART), base))
+    base = float(np.nan_to_num(lowest / 2 + highest / 2))
+    scale = _scale(np.array([lowest - base]), np.array([highest - base]))
     while len(low) > RAW:
         starts, width = np.arange(0, len(low), STRETCH), width * STRETCH
         low, high = np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)

@@ -94,14 +94,15 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
     and profile.json where there is one, and of each bus `<case>.<bus>.log`.
 
     Args:
-        shared: the folder that the report takes its script from, as seen from its own; None has it in the report.
+        shared: the folder that the report takes its script from, as seen from its own, where this is one result of
+            many: its files do not wait for the disk then. None has the script in the report.
     """
     with result_folder(target, [result.scenario.path, *result.assembled.files.values()]) as folder:
         for case in result.cases:
             if case.result is not None and case.file is not None:
                 shutil.move(case.file, folder / trace_file(result, case))
             elif case.result is not None:
-                formats.write(result.recorded(case), folder / trace_file(result, case))
+                formats.write(result.recorded(case), folder / trace_file(result, case), for_good=shared is None)
             _write_buses(result, case, folder)
         if (log := said(result)) is not None:
             shutil.copyfile(log, folder / LOG_FILE)
