@@ -23,6 +23,8 @@ from keyword import iskeyword
 from types import SimpleNamespace
 from typing import Any
 
+from .ports import PhysicalPort, problems
+
 Named = dict[str, Any]
 """Name -> number, or what the equations are traced with."""
 Function = Callable[[Any, Any, Any, Any], Named]
@@ -147,6 +149,7 @@ class Model:
         call: the expression that gives this model in the file of its functions.
         delays: the inputs that act late.
         sized: (array -> shape) -> this model with arrays of these shapes; None where they have one size only.
+        ports: where it meets others, a flow and what drives it each.
         arrays: name -> shape of each array among the parameters.
     """
 
@@ -166,6 +169,7 @@ class Model:
     call: str = "MODEL"
     delays: tuple[Delay, ...] = ()
     sized: Callable[[Mapping[str, tuple[int, ...]]], Model] | None = field(default=None, repr=False, compare=False)
+    ports: tuple[PhysicalPort, ...] = ()
     by_name: Mapping[str, Variable] = field(init=False, repr=False, compare=False)
     arrays: Mapping[str, tuple[int, ...]] = field(init=False, repr=False, compare=False)
 
@@ -207,6 +211,7 @@ def _problems(model: Model) -> Iterator[str]:
         yield from _problems_of_values(variable)
     yield from _problems_of_tunables(model)
     yield from _problems_of_delays(model)
+    yield from problems(model.ports, {variable.name: variable.causality for variable in model.variables})
     if model.sampled and model.sample_time not in parameters:
         yield f"sampled states need a sample period, and '{model.sample_time}' is no parameter"
     if model.continuous and model.solver_step is None:

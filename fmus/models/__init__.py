@@ -8,6 +8,7 @@ import sys
 
 from ..modelling import control, feedback, friction, model, ops
 from ..modelling.model import Delay, Model, Requirement, State, Table, array, input_, output, parameter
+from ..modelling.ports import port
 
 __all__ = [
     "Delay",
@@ -23,6 +24,7 @@ __all__ = [
     "ops",
     "output",
     "parameter",
+    "port",
 ]
 
 sys.modules[f"{__name__}.model"] = model

@@ -19,6 +19,7 @@ from fmus.packaging import targets
 from orchestrator.assembly.remarks import remarks, sampling
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
+from orchestrator.assembly.whole_terminals import by_variables
 from orchestrator.crossing import logged, quantity
 from orchestrator.engine import Engine, Result, RunProfile, Simulation, Timing
 from orchestrator.engine.profile import Watched
@@ -279,7 +280,8 @@ class OpenSystem:
             for name, file in self._files.items()
         }
         parts |= {name: Part(interface(bus.spec), carries=bus.components) for name, bus in self._buses.items()}
-        system = wire(parts, self.assembled.system.connections, self.assembled.stimulated)
+        connections = by_variables(self.assembled.system.connections, parts, self.assembled.files)
+        system = wire(parts, connections, self.assembled.stimulated)
         for name, component in components.items():
             check_shapes(system, {f"{name}.{array}": shape for array, shape in component.arrays.items()})
             for remark in remarks(system, name, component.parameters):

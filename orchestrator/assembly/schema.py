@@ -241,7 +241,7 @@ class SystemBlock(Block):
         include: files with parts, and SSPs, that it is joined with, relative to it; what it says itself counts.
         components: name -> what it is.
         connections: `component.output -> component.input`, one a line; `2.5 * component.output + 1 -> ...` converts by
-            a factor and an offset over what the units say.
+            a factor and an offset over what the units say; `component.terminal -> component.terminal` joins terminals.
     """
 
     include: list[Path] = []

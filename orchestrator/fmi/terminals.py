@@ -9,11 +9,16 @@ from typing import TYPE_CHECKING
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive
+from fmus.packaging.description import terminals
 
 if TYPE_CHECKING:
     from lxml import etree
 
-NAMES = ("terminalsAndIcons/terminalsAndIcons.xml", "icons/terminalsAndIcons.xml")  # the second: some do it so
+NAMES = (
+    "terminalsAndIcons/terminalsAndIcons.xml",
+    "icons/terminalsAndIcons.xml",  # some do it so
+    terminals.FMI2,
+)
 LARGEST = 16 << 20
 Binaries = Mapping[str, Mapping[str, str]]  # name -> attributes
 
@@ -25,6 +30,8 @@ class FmuTerminal:
     Attributes:
         kind, rule: what it is, and how it is to be connected, by their names.
         members: name of the member -> variable; what has no name is called as its variable.
+        kinds: name of the member -> how it is to be connected: "signal", "inflow", "outflow", or a word of others.
+        streams: names of the members that are carried along by a flow.
         inner: terminals in it, by their names.
     """
 
@@ -32,6 +39,8 @@ class FmuTerminal:
     kind: str
     rule: str
     members: Mapping[str, str]
+    kinds: Mapping[str, str]
+    streams: tuple[str, ...]
     inner: Mapping[str, FmuTerminal]
 
 
@@ -70,10 +79,15 @@ def _terminals(place: str, parent: etree._Element | None) -> dict[str, FmuTermin
 
 def _terminal(place: str, element: etree._Element) -> FmuTerminal:
     members: dict[str, str] = {}
+    kinds: dict[str, str] = {}
     for member in element.findall("TerminalMemberVariable"):
         variable = member.get("variableName")
         if not variable:
             raise FmuFileError(f"{place}: {element.get('name')}", "has a member without a variable", "correct it")
-        members[member.get("memberName") or variable] = variable
-    kinds = [element.get(key) or "" for key in ("name", "terminalKind", "matchingRule")]
-    return FmuTerminal(kinds[0], kinds[1], kinds[2], members, _terminals(place, element))
+        name = member.get("memberName") or variable
+        if name in members:
+            raise FmuFileError(f"{place}: {element.get('name')}", f"has two members '{name}'", "correct it")
+        members[name], kinds[name] = variable, member.get("variableKind") or ""
+    streams = tuple(one.get("outStreamMemberName") or "" for one in element.findall("TerminalStreamMemberVariable"))
+    name, kind, rule = (element.get(key) or "" for key in ("name", "terminalKind", "matchingRule"))
+    return FmuTerminal(name, kind, rule, members, kinds, streams, _terminals(place, element))

@@ -11,6 +11,7 @@ from fmus.errors import InputError
 from fmus.files import atomic_writes
 from fmus.parameters.write_back import write_back
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, assemble
+from orchestrator.assembly.whole_terminals import by_variables
 from orchestrator.documents.sources import EXTRA, SCENARIO
 from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.isolation import scratch
@@ -91,11 +92,8 @@ def _outline(file: Path, scenario: Scenario, assembled: Assembled) -> Outline:
         name: FmuDescription(assembled.files[name], _kind(component), component.parameters)
         for name, component in assembled.system.components.items()
     }
-    system = wire(
-        {name: Part(described.interface) for name, described in descriptions.items()},
-        assembled.system.connections,
-        scenario.driven,
-    )
+    parts = {name: Part(described.interface) for name, described in descriptions.items()}
+    system = wire(parts, by_variables(assembled.system.connections, parts, assembled.files), scenario.driven)
     times = Times(float(scenario.timing.start), float(scenario.timing.stop), float(scenario.timing.step))
     values = {name: value for name, value in assembled.system.values().items() if name not in scenario.driven}
     return Outline(

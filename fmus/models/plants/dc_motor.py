@@ -6,7 +6,7 @@
 the current from growing beyond its limit.
 """
 
-from . import Model, State, input_, ops, output, parameter
+from . import Model, State, input_, ops, output, parameter, port
 
 
 def armature_voltage(u, p):
@@ -50,6 +50,10 @@ MODEL = Model(
         parameter("back_emf", "V.s/rad", 0.0, "Back electromotive force per speed (k_emf)", minimum=0),
         parameter("voltage_limit", "V", 1e6, "Largest armature voltage, either sign", minimum=0),
         parameter("current_limit", "A", 1e6, "Largest armature current, either sign", minimum=0),
+    ),
+    ports=(
+        port("armature", "electrical", voltage="voltage", current="current"),
+        port("shaft", "rotational", outward=True, speed="speed", torque="torque"),
     ),
     states=(State("inductor_current", 0.0, "A", description="Armature current when the inductance is not 0"),),
     derivatives=derivatives,

@@ -13,7 +13,7 @@ joined by a spring with a dead zone. The end stops are springs with dampers; how
 
 import math
 
-from . import Model, State, friction, input_, ops, output, parameter
+from . import Model, State, friction, input_, ops, output, parameter, port
 
 
 def _root(number):
@@ -266,6 +266,7 @@ MODEL = Model(
         parameter("angle_start", "rad", 0.0, "Angle of hub and motor at the start"),
         parameter("speed_start", "rad/s", 0.0, "Angular velocity of hub and motor at the start"),
     ),
+    ports=(port("shaft", "rotational", speed="motor_speed", torque="torque"),),
     states=(
         State("angle", "angle_start", "rad"),
         State("speed", "speed_start", "rad/s"),

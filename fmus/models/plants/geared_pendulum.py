@@ -7,7 +7,7 @@ All is referred to the hand's side. The teeth pass a torque on only in contact, 
 push, never pull: where their damping would turn the torque around there is none.
 """
 
-from . import Model, State, friction, input_, ops, output, parameter
+from . import Model, State, friction, input_, ops, output, parameter, port
 
 
 def passed(x, p):
@@ -71,6 +71,7 @@ MODEL = Model(
         parameter("angle_start", "rad", 0.0, "Angle of the hand and of the rotor at the start"),
         parameter("speed_start", "rad/s", 0.0, "Angular velocity of both at the start"),
     ),
+    ports=(port("shaft", "rotational", speed="rotor_speed", torque="torque"),),
     states=(
         State("angle", "angle_start", "rad"),
         State("speed", "speed_start", "rad/s"),

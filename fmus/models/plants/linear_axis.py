@@ -7,7 +7,7 @@ with them dry friction is LuGre's, s0 z + s1 z', with z' = v - s0 |v| z / (Coulo
 A constant offset and Coulomb friction that differs by direction are the same force wherever the axis moves.
 """
 
-from . import Model, Requirement, State, friction, input_, ops, output, parameter
+from . import Model, Requirement, State, friction, input_, ops, output, parameter, port
 
 RESOLVED = 20.0  # times the frequency of the mass on its bristles: the fastest rate at which they follow
 
@@ -81,6 +81,7 @@ MODEL = Model(
         parameter("position_start", "m", 0.0, "Position at the start"),
         parameter("speed_start", "m/s", 0.0, "Speed at the start"),
     ),
+    ports=(port("carriage", "translational", speed="speed", force="force"),),
     states=(
         State("position", "position_start", "m"),
         State("speed", "speed_start", "m/s"),

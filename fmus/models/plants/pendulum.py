@@ -5,7 +5,7 @@ Eq. 5 with the added mass of Eq. 78, about an equilibrium that need not be at ze
     (p1 + m_a l_a^2) w' = torque - p2 w - dry friction(w) - (p3 + m_a g l_a) sin(angle - equilibrium_angle)
 """
 
-from . import Model, State, friction, input_, ops, output, parameter
+from . import Model, State, friction, input_, ops, output, parameter, port
 
 
 def moment_of_inertia(p):
@@ -63,6 +63,7 @@ MODEL = Model(
         parameter("angle_start", "rad", 0.0, "Angle at the start"),
         parameter("speed_start", "rad/s", 0.0, "Angular velocity at the start"),
     ),
+    ports=(port("shaft", "rotational", speed="speed", torque="torque"),),
     states=(State("angle", "angle_start", "rad"), State("speed", "speed_start", "rad/s")),
     derivatives=derivatives,
     outputs=outputs,

@@ -5,12 +5,13 @@ The XML descriptions of both FMI versions and the generated C are written from i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
 from fmus.modelling.model import Model, Number, State, start_values
+from fmus.modelling.ports import PhysicalPort
 
 DEFAULT_STEP = 0.01
 
@@ -42,6 +43,7 @@ class DescribedInterface(Protocol):
         arrays: name -> shape of each array, whose elements are variables.
         structured: whether names are made of the names of parts and elements.
         time_reference: value reference of the time, which only FMI 3.0 has as a variable.
+        ports: those of which both variables are to be connected.
     """
 
     @property
@@ -64,6 +66,8 @@ class DescribedInterface(Protocol):
     def time_reference(self) -> int: ...
     @property
     def by_name(self) -> Mapping[str, Exposed]: ...
+    @property
+    def ports(self) -> tuple[PhysicalPort, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -124,6 +128,16 @@ class ModelInterface:
     @cached_property
     def by_name(self) -> Mapping[str, Exposed]:
         return {variable.name: variable for variable in self.variables}
+
+    @property
+    def ports(self) -> tuple[PhysicalPort, ...]:
+        return connectable(self.model.ports, self.by_name)
+
+
+def connectable(ports: Iterable[PhysicalPort], variables: Mapping[str, Exposed]) -> tuple[PhysicalPort, ...]:
+    """The ports of which both variables are among these, as inputs and outputs."""
+    outside = {name for name, variable in variables.items() if variable.causality in ("input", "output")}
+    return tuple(one for one in ports if {one.signal, one.flow} <= outside)
 
 
 def clocked(model: Model) -> bool:

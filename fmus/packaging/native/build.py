@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 from fmus.modelling.agreement import require_agreement
 from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import archive, defaults, licenses, values
-from fmus.packaging.description import documentation, exposure, interface, xml
+from fmus.packaging.description import documentation, exposure, interface, terminals, xml
 from fmus.packaging.description.interface import ModelInterface
 from fmus.packaging.description.xml import Extras, Offer
 from fmus.packaging.native import c_model, c_network, compiler, network_files, sources
@@ -62,6 +62,7 @@ def build(
     )
     files["documentation/index.html"] = documentation.page(shown)
     files[licenses.NAME] = licenses.native()
+    files |= terminals.files(shown, fmi, None if network is None else network_files.terminal(network))
     files |= {} if network is None else network_files.files(network)
     if fmi == 3:
         files["sources/buildDescription.xml"] = build_description(model.name, code)

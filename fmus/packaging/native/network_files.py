@@ -42,36 +42,35 @@ def variables(network: Network, first: int) -> list[ET.Element]:
 
 
 def files(network: Network) -> dict[str, bytes]:
-    """Terminal, manifest and database by their names in the archive."""
+    """Manifest and database by their names in the archive."""
     ET.register_namespace("fmi-ls", _LS)
     said = {"fmi-ls-name": "org.fmi-standard.fmi-ls-bus", "fmi-ls-version": "1.0.0"}
     said |= {"fmi-ls-description": "CAN frames that this FMU sends and receives"}
     manifest = ET.Element("fmiLayeredStandardManifest", {f"{{{_LS}}}{name}": text for name, text in said.items()})
     manifest.set("isBusSimulationFMU", "false")
     return {
-        "terminalsAndIcons/terminalsAndIcons.xml": xml.document(_terminals(network)),
         f"{EXTRA}/fmi-ls-manifest.xml": xml.document(manifest),
         f"{EXTRA}/{network.name}.dbc": network.database,
     }
 
 
-def _terminals(network: Network) -> ET.Element:
-    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
-    rule = "org.fmi-ls-bus.transceiver"
-    bus = _terminal(ET.SubElement(root, "Terminals"), network.name, _KIND, rule)
+def terminal(network: Network) -> ET.Element:
+    """The terminal of the bus."""
+    bus = ET.Element("Terminal", _named(network.name, _KIND, "org.fmi-ls-bus.transceiver"))
     for name in sorted(_NAMES):
         _member(bus, f"{network.name}.{name}", name)
-    _member(_terminal(bus, "Configuration", f"{_KIND}.configuration", "bus"), NOTIFICATIONS, NOTIFICATIONS)
-    return root
+    configuration = ET.SubElement(bus, "Terminal", _named("Configuration", f"{_KIND}.configuration", "bus"))
+    _member(configuration, NOTIFICATIONS, NOTIFICATIONS)
+    return bus
 
 
-def _terminal(parent: ET.Element, name: str, kind: str, rule: str) -> ET.Element:
-    return ET.SubElement(parent, "Terminal", name=name, matchingRule=rule, terminalKind=kind)
+def _named(name: str, kind: str, rule: str) -> dict[str, str]:
+    return {"name": name, "matchingRule": rule, "terminalKind": kind}
 
 
-def _member(terminal: ET.Element, variable: str, name: str) -> None:
+def _member(parent: ET.Element, variable: str, name: str) -> None:
     said = {"variableName": variable, "memberName": name, "variableKind": "signal"}
-    ET.SubElement(terminal, "TerminalMemberVariable", said)
+    ET.SubElement(parent, "TerminalMemberVariable", said)
 
 
 def _element(kind: str, name: str, reference: int, causality: str, more: Mapping[str, str]) -> ET.Element:

@@ -15,7 +15,7 @@ from fmus import library
 from fmus.errors import ModelError
 from fmus.modelling.model import Model, Number, Table
 from fmus.packaging import archive, defaults, licenses, values
-from fmus.packaging.description import exposure, xml
+from fmus.packaging.description import exposure, terminals, xml
 from fmus.packaging.python import runtime
 
 _ROOT = Path(__file__).parents[2]
@@ -28,6 +28,7 @@ _TRAVELS = (
     "modelling/late.py",
     "modelling/model.py",
     "modelling/ops.py",
+    "modelling/ports.py",
     "packaging/defaults.py",
     "packaging/python/slave.py",
 )
@@ -73,7 +74,9 @@ def build(
     files[defaults.RESOURCE] = defaults.dump(starts).encode()
     files[licenses.NAME] = licenses.python()
     offer = xml.Offer("CoSimulation", model.name, _CAPABILITIES)
-    files["modelDescription.xml"] = xml.fmi2(exposure.plain(model, starts), guid, [offer])
+    shown = exposure.plain(model, starts)
+    files["modelDescription.xml"] = xml.fmi2(shown, guid, [offer])
+    files |= terminals.files(shown, 2)
     archive.write(path, files)
     return path
 

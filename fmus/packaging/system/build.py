@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fmus.modelling.agreement import require_agreement
 from fmus.packaging import archive, defaults, licenses, values
-from fmus.packaging.description import xml
+from fmus.packaging.description import terminals, xml
 from fmus.packaging.description.xml import Extras, Offer
 from fmus.packaging.native import compiler
 from fmus.packaging.native.build import LOG_CATEGORIES, Code, binaries, build_description
@@ -43,6 +43,7 @@ def build(system: FusedSystem, path: Path, fmi: int = 2, platforms: Sequence[str
     shows = "\n".join(interface.by_name).encode()  # what importers may know it by, whatever its binary does
     identity = f"{code.token}-{archive.digest(resources | {'shows': shows})[:16]}"
     files["modelDescription.xml"] = _description(interface, identity, fmi, code)
+    files |= terminals.files(interface, fmi)
     files["documentation/index.html"] = page.page(interface)
     files[licenses.NAME] = licenses.native()
     files[manifest.NAME] = manifest.written(system)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fmus.modelling.model import element
+from fmus.modelling.ports import PhysicalPort
 from fmus.modelling.symbolic import feed_through
 from fmus.packaging import values
 from fmus.packaging.description import exposure
-from fmus.packaging.description.interface import Exposed, ModelInterface
+from fmus.packaging.description.interface import Exposed, ModelInterface, connectable
 from fmus.packaging.system.fused import FusedSystem, Wire
 
 
@@ -52,6 +53,15 @@ class SystemInterface:
     @cached_property
     def by_name(self) -> Mapping[str, Exposed]:
         return {variable.name: variable for variable in self.variables}
+
+    @property
+    def ports(self) -> tuple[PhysicalPort, ...]:
+        named = (
+            replace(one, name=f"{part}.{one.name}", signal=f"{part}.{one.signal}", flow=f"{part}.{one.flow}")
+            for part, own in self.models.items()
+            for one in own.model.ports
+        )
+        return connectable(named, self.by_name)
 
     @cached_property
     def arrays(self) -> Mapping[str, tuple[int, ...]]:
