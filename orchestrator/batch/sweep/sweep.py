@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from orchestrator.batch.sweep.runs import folder as folders
@@ -15,6 +16,7 @@ from orchestrator.batch.sweep.runs.same import SamePoints
 from orchestrator.batch.sweep.told.report import PAGE, report
 from orchestrator.batch.sweep.told.result import SweepResult
 from orchestrator.batch.sweep.told.summary import write_summary
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 
 
@@ -24,6 +26,7 @@ def sweep(
     by: Runner | int | str | None = None,
     progress: Progress = silent,
     retry: bool = False,
+    isolation: Isolation | None = None,
 ) -> SweepResult:
     """The data set in the folder `out`, once a study has been run at all points that have no row there yet.
 
@@ -32,6 +35,7 @@ def sweep(
         by: who runs them: so many processes of this machine, by default one a processor; or the Dask cluster with this
             address of its scheduler, as `tcp://HOST:8786`.
         retry: whether runs that failed are run again.
+        isolation: of FMUs given as files; a run in which one crashes or hangs has failed.
 
     Raises:
         ScenarioError: the study does not fit itself or its scenario.
@@ -46,8 +50,9 @@ def sweep(
         with folders.opened(path, ready.runs, size, ready.identity, [ready.file], same) as folder:
             if retry:
                 folder.retry()
-            queue = Queue(ready.setup, ready.design, folder)
-            for task, done in who.outcomes(queue, ready.setup) if folder.left else ():
+            setup = replace(ready.setup, isolation=isolation)
+            queue = Queue(setup, ready.design, folder)
+            for task, done in who.outcomes(queue, setup) if folder.left else ():
                 folder.keep(task.runs, rows.unpacked(done.rows), done)
                 progress(*_how_far(folder))
             result = write_summary(ready, path)

@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fmus.errors import InputError
+from orchestrator.cli.options import Isolate
 from orchestrator.cli.suite import Limited
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
+
+if TYPE_CHECKING:
+    from orchestrator.fmi.isolation import Isolation
 
 app = typer.Typer()
 
@@ -32,6 +36,7 @@ def sweep(
         int | None, typer.Option("--run", metavar="N", help="That run alone again, with its whole record and report.")
     ] = None,
     limited: Limited,
+    isolate: Isolate,
     out: Out = None,
 ) -> Answer:
     """Run a scenario at many points into one data set; what is there already is not run again.
@@ -43,12 +48,12 @@ def sweep(
     from orchestrator.batch.sweep.sweep import sweep as run
     from orchestrator.batch.sweep.told.result import HEADERS
 
-    limits = limited.limits()
+    limits, isolation = limited.limits(), isolate.isolation()
     of_processes = {"--jobs": jobs, "--time-limit": limits.seconds, "--memory-limit": limits.megabytes}
     if one is not None:
         given = {"--scheduler": scheduler, "--retry": retry or None, **of_processes}
         _refuse(given, "is for many runs, and --run is one by itself", "leave out one of them")
-        return _again(terminal, study, one, out or Path("out") / f"{study.stem}-{one}")
+        return _again(terminal, study, one, out or Path("out") / f"{study.stem}-{one}", isolation)
     folder = out or Path("out") / study.stem
     if scheduler is not None:
         fix = "leave it out, or run without --scheduler"
@@ -56,7 +61,7 @@ def sweep(
     runner = Local(jobs or os.cpu_count() or 1, limits) if scheduler is None else Cluster(scheduler)
     try:
         with terminal.bar(study.stem) as move:
-            result = run(study, folder, runner, move, retry)
+            result = run(study, folder, runner, move, retry, isolation)
     except KeyboardInterrupt:
         return _interrupted(folder)
     document = result.document
@@ -76,7 +81,7 @@ def _refuse(options: Mapping[str, object], problem: str, fix: str) -> None:
             raise InputError(name, problem, fix)
 
 
-def _again(terminal: Terminal, study: Path, run: int, out: Path) -> Answer:
+def _again(terminal: Terminal, study: Path, run: int, out: Path, isolation: Isolation | None) -> Answer:
     """A run of the sweep by itself."""
     from orchestrator.batch.sweep.runs.preparation import prepared
     from orchestrator.batch.sweep.told.again import alone
@@ -87,7 +92,7 @@ def _again(terminal: Terminal, study: Path, run: int, out: Path) -> Answer:
 
     check_target(out, [study])
     with prepared(study) as ready, terminal.bar(study.stem) as move:
-        result = run_scenario(alone(ready, run), progress=move, going_on=True)
+        result = run_scenario(alone(ready, run), progress=move, isolation=isolation, going_on=True)
         write_run(result, {}, out)
         return Answer(
             document_of(result, {}, out), [Listing(CHECKED, result.rows()), f"written to {out}"], result.passed

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from orchestrator.assembly.assembly import Assembled
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.batch.sweep.points.factors import Space
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.trace import FloatArray
 
@@ -77,6 +78,7 @@ class Setup:
         recordings: place of each factor that is a recording -> what drives its input at each level.
         noise: components that are given a seed of their own at each point.
         seed: that those come from.
+        isolation: how FMUs that scenarios give as files are isolated, None where they are not.
     """
 
     space: Space
@@ -88,6 +90,7 @@ class Setup:
     noise: tuple[str, ...] = ()
     seed: int = 0
     kept: Kept | None = None
+    isolation: Isolation | None = None
 
     def place(self, point: FloatArray, case: int) -> tuple[int, int]:
         """The number of the variant that a point (d,) is run with in a case, and that of the case there."""

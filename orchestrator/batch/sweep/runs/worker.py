@@ -125,7 +125,7 @@ class Worker:
 def _open(variant: Variant, setup: Setup) -> _Opened:
     with ExitStack() as stack:
         system = stack.enter_context(OpenSystem(variant.assembled))
-        simulation = stack.enter_context(system.simulation(variant.scenario.timing))
+        simulation = stack.enter_context(system.simulation(variant.scenario.timing, setup.isolation))
         scenario = variant.scenario
         instants = simulation.instants() if scenario.stimuli else np.zeros(0)
         varied = {factor.name for factor in setup.space.factors}

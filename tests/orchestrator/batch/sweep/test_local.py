@@ -18,6 +18,7 @@ from orchestrator.batch.limits import CaseLimits
 from orchestrator.batch.sweep.runs import queue
 from orchestrator.batch.sweep.runs.local import Local
 from orchestrator.batch.sweep.sweep import sweep
+from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes.pool import Processes
 from tests.support.fmus import brute
 from tests.support.fmus.brute import Mood
@@ -107,19 +108,39 @@ def test_a_process_that_is_killed_costs_nothing(tmp_path: Path, monkeypatch: pyt
     assert sorted(ran(tmp_path / "out")) == list(range(300))
 
 
-@pytest.mark.slow
-def test_an_fmu_that_crashes_or_hangs_fails_its_runs_alone(tmp_path: Path) -> None:
-    brute.build(tmp_path / "brute.fmu")
+MOODS = [0, int(Mood.SEGMENTATION), 0, 0, int(Mood.HANG), 0, int(Mood.EXIT), 0]
+
+
+def moods(folder: Path) -> Path:
+    """A study whose FMU crashes in one run, hangs in another, and ends its process in a third."""
+    brute.build(folder / "brute.fmu")
     scenario = {
         "title": "moods",
         "components": {"lag": {"fmu": "brute.fmu", "parameters": {"flow": 1}}},
         "run": {"stop": 1, "step": 0.1},
         "expect": [{"signal": "lag.level", "below": 1}],
     }
-    moods = [0, int(Mood.SEGMENTATION), 0, 0, int(Mood.HANG), 0, int(Mood.EXIT), 0]
-    file = study(tmp_path, scenario, vary={"lag.mood": moods}, design={"by": "grid"}, traces=None)
+    return study(folder, scenario, vary={"lag.mood": MOODS}, design={"by": "grid"}, traces=None)
+
+
+@pytest.mark.slow
+def test_an_fmu_that_crashes_or_hangs_fails_its_runs_alone(tmp_path: Path) -> None:
+    file = moods(tmp_path)
     rows = sweep(file, tmp_path / "out", Local(2, CaseLimits(2.0))).table().to_pylist()
-    assert [row["state"] == "failed" for row in rows] == [mood != 0 for mood in moods]
+    assert [row["state"] == "failed" for row in rows] == [mood != 0 for mood in MOODS]
     assert "crashed the process that ran it, which died (SIGSEGV)" in rows[1]["reason"]
     assert "was killed after 2 s" in rows[4]["reason"] and "exit code 7" in rows[6]["reason"]
+    assert all(row["passed"] and row["e1"] == rows[0]["e1"] for row in rows if row["lag.mood"] == 0)
+
+
+@pytest.mark.slow
+def test_an_isolated_fmu_that_crashes_or_hangs_fails_its_runs_and_no_process_of_the_sweep_dies(tmp_path: Path) -> None:
+    file = moods(tmp_path)
+    rows = sweep(file, tmp_path / "out", Local(2), isolation=Isolation(2.0)).table().to_pylist()
+    assert [row["state"] == "failed" for row in rows] == [mood != 0 for mood in MOODS]
+    assert [row["reason"].partition(" in the step")[0] for row in rows if row["reason"]] == [
+        "lag: its FMU crashed (signal SIGSEGV)",
+        "lag: its FMU hangs, without an answer for 2 s,",
+        "lag: its FMU ended the process it runs in (exit code 7)",
+    ]
     assert all(row["passed"] and row["e1"] == rows[0]["e1"] for row in rows if row["lag.mood"] == 0)
