@@ -51,13 +51,12 @@ class SweepNumbers:
         return _largest_first(self.correlations[:, place])
 
     @property
-    def decisive(self) -> tuple[int, int]:
-        """The two factors that go best with whether runs pass; where all do, or none, with the figures."""
+    def decisive(self) -> list[int]:
+        """The factors, those first that go best with whether runs pass; where all do, or none, with the figures."""
         with_passing = rank_correlations(self.values, self.passed)
         if not np.isfinite(with_passing).any() and self.correlations.size:
             with_passing = np.max(np.abs(np.nan_to_num(self.correlations)), axis=1)
-        first, second, *_ = _largest_first(with_passing)
-        return first, second
+        return _largest_first(with_passing)
 
 
 def numbers_of(study: PreparedSweep, result: SweepResult) -> SweepNumbers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,6 +31,7 @@ REASONS = 20
 POINTS = 2000  # runs that a scatter shows
 ENVELOPES = 1000  # runs that an envelope is made of
 FACTORS, FIGURES = 6, 4  # of a scatter matrix
+PAIRED = 4  # factors, each over each other
 
 
 def report(study: PreparedSweep, result: SweepResult) -> Report:
@@ -139,7 +141,7 @@ def _dependence(page: Report, study: PreparedSweep, result: SweepResult, numbers
         caption="Rank correlations (Spearman)",
     )
     section.figure(_scatter(numbers, result), f"Figures over what varies{numbers.told}; crosses do not hold")
-    _map(page.section("Where runs pass"), numbers, result)
+    _pairs(page.section("Where runs pass"), numbers)
     _indices(section, study, result)
 
 
@@ -160,11 +162,17 @@ def _groups(x: FloatArray, y: FloatArray, held: FloatArray) -> list[Curve]:
     return [Curve("holds", x[good], y[good], "dots"), Curve("does not hold", x[bad], y[bad], "crosses", 1)]
 
 
-def _map(section: Section, numbers: SweepNumbers, result: SweepResult) -> None:
-    """Which points pass, over the two factors that this depends on most."""
-    if len(numbers.names) < 2:
-        return
-    first, second = numbers.decisive
+def _pairs(section: Section, numbers: SweepNumbers) -> None:
+    """Which points pass, over each two of the factors that this depends on most."""
+    charts = [
+        (f"{numbers.names[second]} over {numbers.names[first]}", _pair(numbers, first, second))
+        for first, second in itertools.combinations(numbers.decisive[:PAIRED], 2)
+    ]
+    if charts:
+        section.figure(ChartGrid(charts), f"Runs over each two of the factors that decide most{numbers.told}")
+
+
+def _pair(numbers: SweepNumbers, first: int, second: int) -> Chart:
     x, y = numbers.values[:, first], numbers.values[:, second]
     passed, failed = numbers.passed == 1, numbers.failed
     curves = [
@@ -173,8 +181,7 @@ def _map(section: Section, numbers: SweepNumbers, result: SweepResult) -> None:
         Curve("failed", x[failed], y[failed], "circles", 2),
     ]
     shown = [one for one in curves if len(np.asarray(one.x))]
-    chart = Chart([Panel(numbers.titles[second], shown)], x=numbers.titles[first])
-    section.figure(chart, f"Runs over the two factors that decide most{numbers.told}")
+    return Chart([Panel(numbers.titles[second], shown)], x=numbers.titles[first])
 
 
 def _indices(section: Section, study: PreparedSweep, result: SweepResult) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -88,8 +90,26 @@ def test_the_page_has_what_to_look_at_and_how_to_run_it_again(tmp_path: Path) ->
     page = (tmp_path / "out" / "report.html").read_text()
     assert f"servotwin sweep {file} --run {result.document['asked'][0]['worst']}" in page
     assert 0 < result.document["failed"] < 20 and "outside its bounds" in page
-    for words in ("Rank correlations", "Runs over the two factors", "median, 5 to 95 %", "Histograms", "Clopper"):
+    for words in (
+        "Rank correlations",
+        "Runs over each two",
+        "median, 5 to 95 %",
+        "Histograms",
+        "Clopper",
+    ):
         assert words in page
+
+
+def test_the_page_has_the_factors_over_each_other_those_that_decide_first(tmp_path: Path) -> None:
+    start, mass, length = "hand.angle_start", "hand.added_mass", "hand.added_length"
+    vary = {mass: {"between": [0.05, 0.06]}, length: {"between": [0.1, 0.11]}, start: {"between": [0.5, 2]}}
+    file = study(tmp_path, vary=vary, design={"by": "sobol", "samples": 32, "seed": 1}, traces=None)
+    result = sweep(file, tmp_path / "out", Here())
+    assert 0 < result.document["passing"]["held"] < 32
+    page = (tmp_path / "out" / "report.html").read_text()
+    pairs = re.findall(r"(hand\.\w+) over (hand\.\w+)", page)
+    assert {frozenset(pair) for pair in pairs} == {frozenset(two) for two in itertools.combinations(vary, 2)}
+    assert pairs[0][1] == start
 
 
 def test_a_page_of_many_runs_shows_some_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
