@@ -15,6 +15,7 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   │   ├── RunFailed         of a run
 │   │   ├── ScenarioFailed    of a scenario: the cases before it, and all up to there
 │   │   └── EstimationFailed  of an estimation
+│   ├── ParametersRefused parameters of one of ours do not fit together, and no step was taken (exit code 2)
 │   ├── TangentsMissing   it cannot be differentiated exactly: whoever asked takes differences
 │   └── FmuEnded          it asked to stop: the run ends well where whoever steps it knows what to do with one that ends
 ├── RecordError           what is recorded from something real cannot be kept (exit code 3)
@@ -87,15 +88,22 @@ class FmuError(ServotwinError, RuntimeError):
 class PartialError(FmuError):
     """An FMU failed; `result` is what there was until then.
 
-    From one process to another it travels as a plain FmuError.
+    From one process to another it travels as the error that it is of.
     """
 
     def __init__(self, error: FmuError, result: Any) -> None:
         super().__init__(error.place, error.problem, error.fix)
-        self.result = result
+        self.result, self.exit_code = result, error.exit_code
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
-        return FmuError, (self.place, self.problem, self.fix)
+        of = ParametersRefused if self.exit_code == ParametersRefused.exit_code else FmuError
+        return of, (self.place, self.problem, self.fix)
+
+
+class ParametersRefused(FmuError):  # noqa: N818 - as what is refused
+    """Parameters of an FMU do not fit together: what a search skips, and bad input where a person gave them."""
+
+    exit_code = 2
 
 
 class TangentsMissing(FmuError):  # noqa: N818 - nothing has failed

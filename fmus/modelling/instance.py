@@ -8,12 +8,15 @@ inside every Python FMU.
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, TypedDict
 
 from .late import LONGEST, History, Row, acting
 from .model import Delay, Model, Named, Table, assign, namespace, start_values
 
+REFUSED = "logParameters"  # category of messages about parameters that do not fit together
+MOST_NAMED = 8  # of these parameters
 EARLY = 1e-6  # of a sample period: how far rounding may put a step's end before or after a sampling instant
 
 
@@ -131,6 +134,19 @@ class Instance:
         self._integrate(now, end - now)
         self.time = end
         self._check_finite()
+
+    def conflict(self, about: Mapping[int, Sequence[str]]) -> str | None:
+        """Which parameters do not fit together, and why.
+
+        Args:
+            about: number of a requirement -> the parameters that it depends on, and on nothing else.
+        """
+        for number, names in about.items():
+            requirement = self.model.requirements[number]
+            if not requirement.holds(self.time, self.x, self.u, self.p):
+                given = [f"{name} = {self.get(name):g}" for name in names[:MOST_NAMED]]
+                return f"{', '.join([*given, '...'][: len(names)])}: {requirement.reason}"
+        return None
 
     def snapshot(self) -> Snapshot:
         """Everything that changes while running, for `restore`."""

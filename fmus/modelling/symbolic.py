@@ -78,6 +78,18 @@ def _trace(model: Model) -> Traced:
     )
 
 
+def conflicts(model: Model) -> dict[int, tuple[str, ...]]:
+    """Of requirements that depend on parameters alone, by their number, these: what they say is known before a run."""
+    traced = trace(model)
+    names = {symbol: name for name, symbol in traced.symbols["p"].items()}
+    reached = [symbols_in(condition) for condition in traced.requirements]
+    return {
+        number: tuple(name for symbol, name in names.items() if symbol in symbols)
+        for number, symbols in enumerate(reached)
+        if symbols and symbols <= names.keys()
+    }
+
+
 def feed_through(model: Model) -> dict[str, tuple[str, ...]]:
     """For each output the inputs that act on it within the step they are set in.
 

@@ -12,7 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from fmus.errors import FmuError, FmuFileError
+from fmus.errors import FmuError, FmuFileError, ParametersRefused
+from fmus.modelling.instance import REFUSED
 from orchestrator.fmi import unpacked
 from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
@@ -40,6 +41,7 @@ class FmuInstance(Generic[A]):
 
     Raises (any method):
         FmuError: the FMU returned discard, error or fatal; the message carries what it logged.
+        ParametersRefused: on `run`, an FMU of ours has parameters that do not fit together.
     """
 
     versions: tuple[type[A], type[A]]
@@ -52,6 +54,7 @@ class FmuInstance(Generic[A]):
         self._copy: Path | None = None  # folder of a library that was loaded anew
         self._messages: deque[str] = deque(maxlen=20)
         self._complained = False  # has logged an error since its reset
+        self._refused = ""  # which parameters do not fit together, and why
         self._given: dict[str, Value] = {}
         self._texts = Texts()
         self._given_group: VariableGroup  # the same, bound
@@ -163,6 +166,9 @@ class FmuInstance(Generic[A]):
 
     def run(self) -> None:
         status = self._fmi.run()
+        if self._refused:
+            problem, _, fix = self._refused.rpartition("; ")
+            raise ParametersRefused(self.name, problem or fix, fix if problem else "change one of them")
         if status == DISCARD:  # it stays in initialisation mode, from which there is no way on but a reset
             problem = f"{returned(status)}: there is no start from these values"
             raise self._failure("initialise", problem, "change its parameters, start values or first inputs")
@@ -209,7 +215,7 @@ class FmuInstance(Generic[A]):
         self._given = {}
         self._texts.clear()
         self._messages.clear()
-        self.warnings, self._was_reset, self._complained = 0, False, False
+        self.warnings, self._was_reset, self._complained, self._refused = 0, False, False, ""
         if not self._alive and not self._sound:
             self._load(anew=True)
             return True
@@ -376,8 +382,10 @@ class FmuInstance(Generic[A]):
             LOG.info("%s.%s: is kept in single precision, %r as %r", self.name, name, value, taken)
         return single
 
-    def _log(self, status: int, message: str) -> None:
+    def _log(self, status: int, category: str, message: str) -> None:
         line = " ".join(message.split())
+        if category == REFUSED and self._fmu.is_ours:
+            self._refused = line.partition(": ")[2]  # without the model's name
         self._messages.append(line)
         self._complained = self._complained or DISCARD < status <= FATAL
         LOG.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR, "%s: %s", self.name, line)

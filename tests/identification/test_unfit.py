@@ -213,6 +213,25 @@ def test_an_fmu_that_fails_in_a_step_is_told_from_bad_input_by_the_exit_code(
     assert reason in line
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("packaging", ["python", pytest.param("native", marks=needs_compiler)])
+def test_parameters_that_do_not_fit_together_are_bad_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, packaging: str
+) -> None:
+    monkeypatch.setattr(targets, "preferred", lambda: packaging)
+    changes = fragile(tmp_path, 0.4)
+    model = FRAGILE.replace(
+        '"Gain"),', '"Gain"), parameter("least", "1", 2.0, "Least"), parameter("most", "1", 1.0, "Most"),'
+    ).replace(
+        "solver_step=", 'requirements=(Requirement(lambda t, x, u, p: p.least < p.most, "no range"),), solver_step='
+    )
+    (tmp_path / "fragile.py").write_text(model.replace("import Model,", "import Model, Requirement,"))
+    line = refused(tmp_path, tmp_path, 2, **changes)
+    assert line == (
+        f"servotwin: {tmp_path / 'study.yaml'}: start: plant: least = 2, most = 1: no range; change one of them"
+    )
+
+
 def test_the_same_fmu_is_calibrated_on_what_it_can_do(tmp_path: Path) -> None:
     study_file = write_study(tmp_path / "study.yaml", **fragile(tmp_path, 0.4))
     document = calibrate_study(study_file, tmp_path, tmp_path / "out", lambda at, remark: None)

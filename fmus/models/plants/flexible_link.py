@@ -194,7 +194,10 @@ MODEL = Model(
     outputs=outputs,
     solver_step=solver_step,
     requirements=(
-        Requirement(lambda t, x, u, p: remainder(p) > 0, "the squares of the participations add up to less than 1"),
+        Requirement(
+            lambda t, x, u, p: remainder(p) > 0,
+            "the squares of the participations do not add up to less than 1; lower one",
+        ),
     ),
     references=(
         "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Transactions on Automatic Control 40(3), 1995, pp. 419-425",

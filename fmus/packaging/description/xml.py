@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from fmus import units
+from fmus.modelling.instance import REFUSED
 from fmus.modelling.model import Number, element, element_names
 from fmus.packaging.description.interface import DescribedInterface, Exposed
 
 GENERATION_TOOL = "servotwin"
 REAL_DISPLAY_UNITS = {"rad": ("deg", 57.29577951308232), "rad/s": ("deg/s", 57.29577951308232)}
-LOG_CATEGORIES = {"logStatusError": "What went wrong"}
+LOG_CATEGORIES = {"logStatusError": "What went wrong", REFUSED: "Parameters that do not fit together"}
 STOP_TIME = 10.0
 TIME_UNIT = "s"
 

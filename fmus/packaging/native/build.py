@@ -23,7 +23,7 @@ from fmus.packaging.native.capabilities import CAPABILITIES, NETWORKED
 from fmus.packaging.native.compiler import Platform
 from fmus.packaging.native.network import Network
 
-LOG_CATEGORIES = {"logStatusError": "What went wrong", "logEvents": "What was read, and how the model is stepped"}
+LOG_CATEGORIES = xml.LOG_CATEGORIES | {"logEvents": "What was read, and how the model is stepped"}
 
 
 def build(

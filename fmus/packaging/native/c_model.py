@@ -12,7 +12,7 @@ import sympy
 
 from fmus.errors import ModelError
 from fmus.modelling.model import Delay, Model, State, element, element_names
-from fmus.modelling.symbolic import Traced, symbols_in, trace
+from fmus.modelling.symbolic import Traced, conflicts, symbols_in, trace
 from fmus.packaging.description.interface import Exposed, ModelInterface, clocked, exchangeable, rate_name
 from fmus.packaging.native import c_code
 from fmus.packaging.native.partials import Partials, linearised
@@ -224,6 +224,7 @@ class _Source:
             self._assigning(_in_place("outputs"), "outputs", _into_values(traced.outputs)),
             self._partials("output", self.linearised.outputs),
             self._solver_step(),
+            self._conflict(),
             self._refusal(),
         ]
 
@@ -244,10 +245,26 @@ class _Source:
         head = "double model_solver_step(const double *v, const Table *tables)"
         return _function(head, [*lines, f"return {values[0]};"], ("v", "tables"))
 
+    def _conflict(self) -> str:
+        """What depends on parameters alone, and which."""
+        about = conflicts(self.model)
+        lines, values = self._statements("requirements", [self.written.requirements[i] for i in about])
+        for condition, (i, names) in zip(values, about.items(), strict=True):
+            lines += [
+                f"if (!({condition})) {{",
+                f"    static const int concerned[] = {{{', '.join([*map(self._reference, names), '-1'])}}};",
+                "    *about = concerned;",
+                f"    return {c_code.string(self.model.requirements[i].reason)};",
+                "}",
+            ]
+        head = "const char *model_conflict(const double *v, const Table *tables, const int **about)"
+        return _function(head, [*lines, "return NULL;"], ("v", "tables", "about"))
+
     def _refusal(self) -> str:
-        lines, values = self._statements("requirements", list(self.written.requirements))
-        for condition, requirement in zip(values, self.model.requirements, strict=True):
-            lines += [f"if (!({condition}))", f"    return {c_code.string(requirement.reason)};"]
+        others = [i for i in range(len(self.written.requirements)) if i not in conflicts(self.model)]
+        lines, values = self._statements("requirements", [self.written.requirements[i] for i in others])
+        for condition, i in zip(values, others, strict=True):
+            lines += [f"if (!({condition}))", f"    return {c_code.string(self.model.requirements[i].reason)};"]
         head = f"const char *model_refusal({_ARGUMENTS})"
         return _function(head, [*lines, "return NULL;"], ("t", "v", "tables"))
 

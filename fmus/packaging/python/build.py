@@ -14,6 +14,7 @@ from pathlib import Path
 from fmus import library
 from fmus.errors import ModelError
 from fmus.modelling.model import Model, Number, Table
+from fmus.modelling.symbolic import conflicts
 from fmus.packaging import archive, defaults, licenses, values
 from fmus.packaging.description import exposure, terminals, xml
 from fmus.packaging.python import runtime
@@ -51,6 +52,7 @@ hold_module(globals())
 
 class Slave(Fmi2Slave):
     model = {module}.{call}
+    conflicts = {conflicts}
 '''
 
 
@@ -90,7 +92,9 @@ def _code(model: Model) -> dict[str, bytes]:
     folders = ("", "modelling/", "packaging/", "packaging/python/")
     files |= {f"resources/{package}/{folder}__init__.py": b"" for folder in folders}
     shim = f"{package}_slave"
-    files[f"resources/{shim}.py"] = _SHIM.format(package=package, module=source.stem, call=model.call).encode()
+    files[f"resources/{shim}.py"] = _SHIM.format(
+        package=package, module=source.stem, call=model.call, conflicts=conflicts(model)
+    ).encode()
     files["resources/slavemodule.txt"] = shim.encode()
     files |= runtime.files(model.name)
     here = {"win32": "win64", "darwin": "darwin64"}.get(sys.platform, f"{sys.platform}64")

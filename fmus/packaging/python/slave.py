@@ -6,13 +6,14 @@ This file travels inside the FMU, beside the model it runs; it reads defaults an
 import ctypes
 import math
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from ...modelling.instance import Instance, Snapshot, StepError
+from ...modelling.instance import REFUSED, Instance, Snapshot, StepError
 from ...modelling.model import Model, Table
 from ..defaults import load
 
@@ -32,13 +33,16 @@ def hold_module(namespace: dict[str, Any]) -> None:
 
 
 class ModelSlave(Fmi2Slave):
-    """A co-simulation slave; the shim of each FMU sets `model`.
+    """A co-simulation slave; the shim of each FMU sets `model`, and of requirements
+    that depend on parameters alone, by their number, these.
 
     pythonfmu answers an exception with a fatal error, after which an importer that goes on crashes. So whatever a model
-    raises is logged instead; values that could not be computed are NaN, and every step from then on is an error.
+    raises is logged instead; values that could not be computed are NaN, and every step from then on is an error. So are
+    parameters that do not fit together, which is said as the initialisation ends.
     """
 
     model: Model
+    conflicts: Mapping[int, Sequence[str]]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -54,6 +58,12 @@ class ModelSlave(Fmi2Slave):
         self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
     ) -> None:
         self.instance.begin(start_time)
+
+    def exit_initialization_mode(self) -> None:
+        conflict = self.instance.conflict(self.conflicts)
+        if conflict:
+            self.failed = True
+            self.log(f"{self.model.name}: {conflict}", Fmi2Status.error, REFUSED)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         if self.failed:

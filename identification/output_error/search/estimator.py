@@ -253,8 +253,7 @@ def _begin(work: Work) -> tuple[Iterate, tuple[StartReport, ...]]:
     tried = [evaluated(work.over(all_windows), point, work.problem.loss) for point in points]
     begin = min((there for there in tried if there is not None), key=lambda there: there.cost, default=None)
     if begin is None:
-        reason = work.tally.reasons[0] if work.tally.reasons else "no reason given"
-        raise FmuError("start", f"cannot be simulated: {reason}", "change the start values")
+        raise work.tally.no_start("")
     return begin, tuple(reports)
 
 

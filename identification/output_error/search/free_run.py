@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fmus.errors import FmuError, IdentificationError, TangentsMissing
+from fmus.errors import FmuError, IdentificationError, ParametersRefused, TangentsMissing
 from identification.estimation.arrow_least_squares import Iterate, Point, WindowBlock
 from identification.estimation.workers import Pool, SimulationTask
 from identification.output_error.search.exact import WITNESSES, Columns, exact_columns, require_agreement, say
@@ -35,6 +35,7 @@ class Tally:
         simulations: windows simulated.
         failures: simulations that failed or gave values that are not finite.
         reasons: the first few distinct reasons.
+        refused: the first of an FMU that does not take its parameters.
     """
 
     evaluations: int = 0
@@ -44,12 +45,26 @@ class Tally:
     simulations: int = 0
     failures: int = 0
     reasons: list[str] = field(default_factory=list)
+    refused: ParametersRefused | None = None
 
     def failed(self, error: FmuError) -> None:
         """Count one failure."""
         self.failures += 1
         if len(self.reasons) < _REASONS_KEPT and str(error) not in self.reasons:
             self.reasons.append(str(error))
+        if isinstance(error, ParametersRefused) and self.refused is None:
+            self.refused = error
+
+    def no_start(self, what: str) -> FmuError:
+        """Why there is nothing to begin a search from.
+
+        Args:
+            what: is simulated.
+        """
+        if self.refused is not None:
+            return self.refused.within("start")
+        reason = self.reasons[0] if self.reasons else "no reason given"
+        return FmuError("start", f"{what}cannot be simulated: {reason}", "change the start values")
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from fmus.errors import FmuError
 from identification.estimation.arrow_least_squares import (
     LEAST_SQUARES,
     NO_DAMPING,
@@ -217,8 +216,7 @@ def join(
         system = JoinedRuns(run, offsets, weight, multipliers)
         begin = evaluated(system, start if joined is None else joined.found.at.point, LEAST_SQUARES)
         if begin is None:
-            reason = run.tally.reasons[0] if run.tally.reasons else "no reason given"
-            raise FmuError("start", f"a segment cannot be simulated: {reason}", "change the start values")
+            raise run.tally.no_start("a segment ")
         told = partial(_told, report, taken)
         found = minimise(system, begin, box, LEAST_SQUARES, limits=limits, report=told)
         taken += found.iterations

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fmus.errors import FmuError
+from fmus.errors import FmuError, ParametersRefused
 from identification.tuning.goals.goal import Goal
 from identification.tuning.goals.responses import MEASURES
 from identification.tuning.procedures.problem import FURTHEST, CandidateJudgement
@@ -24,6 +24,7 @@ class SimulatedProblem:
 
     Attributes:
         failures: what was said of runs that failed, by the plant's name.
+        refused: what FMUs have said that did not take their parameters.
     """
 
     loops: Mapping[str, SimulatedLoop]
@@ -33,6 +34,7 @@ class SimulatedProblem:
     limit: float
     goals: tuple[Goal, ...]
     failures: dict[str, list[str]] = field(default_factory=dict)
+    refused: list[ParametersRefused] = field(default_factory=list)
 
     def judged(self, values: Mapping[str, float]) -> CandidateJudgement:
         """What these parameters do; a loop whose run fails counts as unstable, and there are no figures of it."""
@@ -43,6 +45,8 @@ class SimulatedProblem:
             try:
                 trace = self.loops[name].run(values)
             except FmuError as error:
+                if isinstance(error, ParametersRefused):
+                    self.refused.append(error.within(f"plants.{name}"))
                 self.failures.setdefault(name, []).append(str(error))
                 radius[j] = FAILED - _share(error, self.loops[name].duration)
                 continue

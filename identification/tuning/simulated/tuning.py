@@ -81,6 +81,8 @@ def tune(study: SimulatedStudy, progress: Progress = silent, isolation: Isolatio
     study.search.check(interface)
     problem = _problem(study, built, isolation)
     found = searched(study.search, problem, interface, progress)
+    if problem.refused and not found.best.stable:
+        raise problem.refused[0]
     result = SimulatedTuning(study, problem, built, interface, found)
     return replace(
         result, rigs=tuple(rig.judged(result.controller, found.best.values, progress, isolation) for rig in study.rigs)

@@ -12,7 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from fmus.errors import IdentificationError
+from fmus.modelling.instance import Instance
 from fmus.modelling.model import Model, namespace, start_values
+from fmus.modelling.symbolic import conflicts
 from identification.linear.model import LinearModel
 from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
@@ -41,7 +43,14 @@ class ModelController:
         self.outputs = tuple(variable.name for variable in model.of("output"))
         self._values = {key: float(value) for key, value in {**start_values(model), **values}.items()}
         self._states = [state.name for state in model.sampled]
+        self._require_fitting()
         self.require_slopes({})
+
+    def _require_fitting(self) -> None:
+        """See that its own parameters fit together, as its FMU would."""
+        conflict = Instance(self._model, self._values).conflict(conflicts(self._model))
+        if conflict:
+            raise IdentificationError(self.name, conflict)
 
     def step(self, values: Mapping[str, float]) -> float:
         """Its sampling time [s] with these parameters over its own."""

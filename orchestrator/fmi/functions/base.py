@@ -15,6 +15,7 @@ from typing import Any
 from fmpy.model_description import ModelDescription
 
 from fmus.errors import FmuError, FmuFileError
+from fmus.modelling.instance import REFUSED
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.library import absent
 from orchestrator.fmi.interface import TANGENT, Port
@@ -22,8 +23,8 @@ from orchestrator.fmi.interface import TANGENT, Port
 DISCARD = FAILED = 2  # status discard, and worse
 _VENDOR = "servotwin"  # what names of functions begin with that FMI does not have, before its version
 FATAL = 4  # no function of the FMU may be called again
-_TROUBLE = frozenset(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal"))
-Logger = Callable[[int, str], None]
+_TROUBLE = frozenset({*(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal")), REFUSED})
+Logger = Callable[[int, str, str], None]  # status, category, message
 
 
 @lru_cache(maxsize=16)

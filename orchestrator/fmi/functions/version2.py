@@ -83,6 +83,6 @@ class Fmi2Logging:
     def _receive(environment: int, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         log = Fmi2Logging._loggers.get(environment)
         if log is not None:
-            log(status, (message or b"").decode(errors="replace").strip())
+            log(status, *((text or b"").decode(errors="replace").strip() for text in (category, message)))
 
     _receiver: Any = fmi2.fmi2CallbackLoggerTYPE(_receive)

@@ -40,6 +40,6 @@ def receiver(log: Logger) -> Callable[[int, int, bytes, bytes], None]:
     """What takes an FMU's messages and passes them on."""
 
     def receive(environment: int, status: int, category: bytes, message: bytes) -> None:
-        log(status, (message or b"").decode(errors="replace").strip())
+        log(status, *((text or b"").decode(errors="replace").strip() for text in (category, message)))
 
     return receive

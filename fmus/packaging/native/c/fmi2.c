@@ -180,6 +180,8 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
     REQUIRE(c, CAN_ExitInitializationMode);
+    if (instance_check_parameters(of(c)))
+        return fmi2Error;
     of(c)->now.mode = of(c)->model_exchange ? EVENT : STEP;
     return fmi2OK;
 }

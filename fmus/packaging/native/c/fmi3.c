@@ -167,6 +167,8 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 {
     REQUIRE(instance, CAN_ExitInitializationMode);
+    if (instance_check_parameters(of(instance)))
+        return fmi3Error;
     const int events = ((Component *)instance)->events || of(instance)->model_exchange;
     of(instance)->now.mode = events ? EVENT : STEP;
     return fmi3OK;

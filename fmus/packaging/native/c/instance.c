@@ -1,6 +1,7 @@
 #include "instance.h"
 
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -12,6 +13,7 @@
 #define MOST_INNER_STEPS 1e15
 
 enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
+enum { MOST_NAMED = 8 }; /* parameters that do not fit together */
 
 /* Life cycle */
 
@@ -61,6 +63,22 @@ Status instance_begin(Instance *it, double time)
     if (it->tangents.directions)
         tangents_begin(it);
     return STATUS_OK;
+}
+
+Status instance_check_parameters(Instance *it)
+{
+    const double *v = it->now.values;
+    const int *about = NULL;
+    char given[400] = "";
+    const char *conflict = model_conflict(v, it->tables, &about);
+    if (!conflict)
+        return STATUS_OK;
+    size_t end = 0;
+    for (int i = 0; about[i] >= 0 && i <= MOST_NAMED && end < sizeof given; i++)
+        end += (size_t)(i < MOST_NAMED ? snprintf(given + end, sizeof given - end, "%s%s = %g", i ? ", " : "",
+                                                  model_variables[about[i]].name, v[about[i]])
+                                       : snprintf(given + end, sizeof given - end, ", ..."));
+    return instance_refuse(it, "%s: %s", given, conflict);
 }
 
 /* Values */

@@ -97,8 +97,14 @@ Status instance_fail(Instance *it, const char *format, ...);
 /* Switch the report of events; `categories` restrict it, none means all. Unknown ones are an error. */
 Status instance_log(Instance *it, int on, size_t count, const char *const categories[]);
 
+/* Report parameters that do not fit together, in a category of its own, after which the instance cannot go on. */
+Status instance_refuse(Instance *it, const char *format, ...);
+
 /* Put the states at their start values. */
 Status instance_begin(Instance *it, double time);
+
+/* See that the parameters fit together, as the initialisation ends. */
+Status instance_check_parameters(Instance *it);
 
 /* The variable of this reference where its type is one of the `types` (a mask); NULL, and an error, where not. */
 const Variable *instance_find(Instance *it, unsigned reference, int types);

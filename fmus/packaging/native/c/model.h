@@ -55,7 +55,11 @@ void model_outputs(double t, double *v, const Table *tables);
 /* The longest inner step of the solver [s]. */
 double model_solver_step(const double *v, const Table *tables);
 
-/* Why the model cannot start from here, NULL when it can. */
+/* Why the parameters do not fit together, NULL when they do; `about` then are the value references of those concerned,
+ * -1 behind the last. */
+const char *model_conflict(const double *v, const Table *tables, const int **about);
+
+/* Why the model cannot start from here, with parameters that fit together; NULL when it can. */
 const char *model_refusal(double t, const double *v, const Table *tables);
 
 /* Partial derivatives that are not zero everywhere, of rates, outputs or new sampled states by states, real inputs and

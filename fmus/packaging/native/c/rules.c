@@ -34,6 +34,16 @@ Status instance_fail(Instance *it, const char *format, ...)
     return STATUS_ERROR;
 }
 
+Status instance_refuse(Instance *it, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    report(it, STATUS_ERROR, "logParameters", format, arguments);
+    va_end(arguments);
+    it->now.mode = FAILED;
+    return STATUS_ERROR;
+}
+
 void instance_warn(Instance *it, const char *format, ...)
 {
     va_list arguments;
@@ -59,7 +69,7 @@ Status instance_log(Instance *it, int on, size_t count, const char *const catego
         const char *name = categories && categories[i] ? categories[i] : "";
         if (strcmp(name, "logEvents") == 0)
             events = 1;
-        else if (strcmp(name, "logStatusError") != 0)
+        else if (strcmp(name, "logStatusError") != 0 && strcmp(name, "logParameters") != 0)
             return instance_error(it, "has no log category '%.60s'", name);
     }
     it->logging = on && events;

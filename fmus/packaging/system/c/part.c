@@ -79,6 +79,11 @@ static void *part_snapshot(void *part)
     return &((Instance *)part)->now;
 }
 
+static Status part_check_parameters(void *part)
+{
+    return instance_check_parameters((Instance *)part);
+}
+
 static Status part_step(void *part, double time, double duration)
 {
     return instance_step((Instance *)part, time, duration);
@@ -100,6 +105,6 @@ static Status part_get_tangents(void *part, unsigned reference, double *tangents
 }
 
 const PartModel PART_MODEL = {
-    sizeof(Snapshot), part_open,     part_close,    part_reset, part_begin,        part_set,          part_step,
-    part_evaluate,    part_values,   part_snapshot, part_carry, part_set_tangents, part_get_tangents,
+    sizeof(Snapshot), part_open,     part_close,    part_reset,    part_begin, part_set,          part_check_parameters,
+    part_step,        part_evaluate, part_values,   part_snapshot, part_carry, part_set_tangents, part_get_tangents,
 };

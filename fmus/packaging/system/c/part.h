@@ -17,6 +17,7 @@ typedef struct {
     void (*reset)(void *part);
     Status (*begin)(void *part, double time);
     Status (*set)(void *part, unsigned reference, double value);
+    Status (*check_parameters)(void *part);
     Status (*step)(void *part, double time, double duration);
     void (*evaluate)(void *part);  /* the outputs that are no states, at its present time */
     double *(*values)(void *part); /* by the model's value references */

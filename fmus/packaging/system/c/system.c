@@ -107,6 +107,17 @@ Status instance_begin(Instance *it, double time)
     return STATUS_OK;
 }
 
+Status instance_check_parameters(Instance *it)
+{
+    const Parts *parts = (const Parts *)it->parts;
+    for (int i = 0; i < N_PARTS; i++)
+        if (system_parts[i].model->check_parameters(parts->part[i])) {
+            it->now.mode = FAILED;
+            return STATUS_ERROR;
+        }
+    return STATUS_OK;
+}
+
 /* Values */
 
 /* Whether one of `count` values is another than it was, by more than the tolerance. */

@@ -251,5 +251,5 @@ def test_a_finer_solver_gives_the_same_motion(changed: dict[str, float]) -> None
 
 def test_modes_that_have_more_than_the_inertia_are_refused() -> None:
     instance = Instance(MODEL, {"participation_1": 0.99, "participation_2": 0.2})
-    with pytest.raises(StepError, match="participations add up to less than 1"):
+    with pytest.raises(StepError, match="participations do not add up to less than 1"):
         instance.step(0.0, 0.01)

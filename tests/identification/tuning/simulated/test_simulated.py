@@ -206,3 +206,24 @@ def test_an_fmu_that_crashes_or_hangs_at_some_gains_fails_there_and_the_search_g
     [remark] = [line for line in found["warnings"] if "failed on the way" in line]
     assert ("crashed" if trouble == "abort();" else "hangs") in remark
     assert servotwin("tune", file, "--patience", "2").exit_code == 2
+
+
+def test_parameters_that_no_loop_takes_are_bad_input(tmp_path: Path) -> None:
+    """The search alone may come to parameters that do not fit together: such a candidate is passed over."""
+    notch = {"model": "notch", "parameters": {"sample_time": STEP, "frequency": 60}}
+    parts = {
+        "source": RIG["components"]["source"],
+        "servo": {"model": "notch", "parameters": {"sample_time": STEP, "frequency": 10}},
+    }
+    rig = RIG | {"components": parts, "connections": ["source.signal -> servo.effort"], "cases": [{"name": "one"}]}
+    (tmp_path / "notch.yaml").write_text(json.dumps(rig))
+    changes = {
+        "controller": notch,
+        "plants": {"light": {"scenario": "notch.yaml", "component": "servo"}},
+        "tracked": "servo.voltage",
+        "design": {"unknowns": {"width": {"start": 0.5, "min": 0.1, "max": 1}}, "evaluations": 10},
+    }
+    left = servotwin("tune", write(tmp_path, ASKED | changes), "--out", tmp_path / "out")
+    assert left.exit_code == 2
+    assert "plants.light: servo: frequency = 60, sample_time = 0.01: frequency is not below half" in left.stderr
+    assert not (tmp_path / "out").exists()
