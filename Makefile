@@ -9,7 +9,7 @@ DEMO := out/demo
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt $(wildcard setup.py orchestrator/engine/*.pyx)
+$(READY): pyproject.toml constraints.txt $(wildcard setup.py orchestrator/engine/*.pyx orchestrator/engine/c_loop/*.pxi)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "$(PYTHON) is older than 3.11; give another one: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv .venv

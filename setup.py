@@ -15,7 +15,13 @@ from setuptools.command.sdist import sdist
 
 # A fused multiply-add would round differently from Python.
 FLAGS = [] if os.name == "nt" else ["-O3", "-g0", "-ffp-contract=off"]
-LOOP = Extension("orchestrator.engine._compiled", ["orchestrator/engine/_compiled.pyx"], extra_compile_args=FLAGS)
+ENGINE = Path("orchestrator/engine")
+LOOP = Extension(
+    "orchestrator.engine._compiled",
+    [str(ENGINE / "_compiled.pyx")],
+    depends=[str(part) for part in sorted((ENGINE / "c_loop").glob("*.pxi"))],
+    extra_compile_args=FLAGS,
+)
 EARLIEST = 315532800  # what a zip archive can tell: 1980
 
 
