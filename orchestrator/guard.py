@@ -160,7 +160,7 @@ def _watch(child: int, watched: set[signal.Signals], words: LastWords) -> NoRetu
             os.kill(child, sent[-1])  # one that comes just before a call that waits is heard only after that
         else:
             given_up = True
-            os.killpg(child, signal.SIGKILL)
+            os.kill(child, signal.SIGKILL)  # alone: whoever has a bus for it sends the safe values
     _end_group(child, words)
     code = words.code
     if code is None:
@@ -219,7 +219,7 @@ def _verdict(code: int, words: LastWords, interrupted: bool, given_up: bool) -> 
     if sys.platform == "win32":
         raise OSError("Windows does not fork")
     names = culprits(words)
-    if interrupted and given_up:
+    if interrupted and (given_up or words.said(KILLED)):
         return f"interrupted; {names or 'the command'} did not let go", 130
     if interrupted and -code not in _FAULTS:
         return "interrupted", 130

@@ -24,6 +24,8 @@ from orchestrator.live.beside import beside
 from tests.support.can.coupling_samples import DBC, frame, sample_database
 from tests.support.can.mapped import couple
 from tests.support.can.wiring import BITRATE, HANG, command, joined, settings, wait_for
+from tests.support.fmus import brute
+from tests.support.fmus.brute import Mood
 
 pytestmark = pytest.mark.slow  # processes
 
@@ -71,13 +73,13 @@ class Peer:
 
 
 @contextmanager
-def driving(folder: Path) -> Iterator[tuple[Popen[str], Peer, Hub]]:
-    """A bridge whose commands are not the safe value."""
+def driving(folder: Path, law: dict[str, object] = LAW, how: str = "bridge") -> Iterator[tuple[Popen[str], Peer, Hub]]:
+    """A bridge, or a bench, whose commands are not the safe value."""
     (folder / "rig.dbc").write_text(DBC)
-    (folder / "law.yaml").write_text(json.dumps(LAW))
+    (folder / "law.yaml").write_text(json.dumps(law))
     with hub_process(folder / "bus", 3) as hub, joined(hub.paths[0]) as bus:
         options = ["--interface", "slcan", "--channel", hub.paths[1], "--bitrate", BITRATE, "--out", folder / "out"]
-        with command("can", "bridge", folder / "law.yaml", *options) as bridge:
+        with command("can", how, folder / "law.yaml", *options) as bridge:
             peer = Peer(bus)
             try:
                 wait_for(lambda: peer.drives() or bridge.poll() is not None)
@@ -106,6 +108,47 @@ def test_safe_values_go_out_when_the_process_that_steps_is_killed(tmp_path: Path
     assert bridge.returncode == 3 and peer.rests()
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "failed"
     assert len(formats.read(tmp_path / "out" / "run.arrows").trace) > 1
+
+
+@pytest.fixture(scope="module")
+def hanging(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return brute.build(tmp_path_factory.mktemp("brute") / "brute.fmu")
+
+
+def asleep(process: int) -> bool:
+    """Whether a process waits for a signal, as an FMU does that hangs."""
+    return "pause" in Path(f"/proc/{process}/wchan").read_text()
+
+
+@pytest.mark.parametrize(
+    ("number", "how", "give_up"),
+    [
+        (signal.SIGINT, "bridge", 1.5),
+        (signal.SIGTERM, "bridge", 1.5),
+        (signal.SIGHUP, "bridge", 1.5),
+        (signal.SIGQUIT, "bridge", 1.5),
+        (signal.SIGTERM, "bridge", 1e3),  # the command gives it up before its guard does
+        (signal.SIGINT, "bench", 1.5),
+    ],
+)
+def test_a_wish_to_end_is_one_where_an_fmu_hangs_and_the_last_value_is_the_safe_one(
+    tmp_path: Path, hanging: Path, number: signal.Signals, how: str, give_up: float
+) -> None:
+    can = LAW["can"] | {  # type: ignore[operator]
+        "receive": {"law.flow": {"signal": "speed", "safe": 0}},
+        "send": {"voltage": {"source": "law.level", "safe": 1000}},
+        "give_up": give_up,
+    }
+    parts = {"law": {"fmu": str(hanging), "parameters": {"mood": Mood.HANG, "at": 1}}}
+    with driving(tmp_path, LAW | {"components": parts, "can": can}, how) as (bridge, peer, _):
+        wait_for(lambda: asleep(stepping(bridge)))
+        bridge.send_signal(number)
+        _, complaints = bridge.communicate(timeout=HANG)
+        assert peer.rests()
+    assert bridge.returncode == 130
+    assert re.search(r"interrupted; law \(.*brute.fmu\) did not let go\n$", complaints)
+    assert "the steps are gone; safe values were sent" in complaints
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "failed"
 
 
 def test_a_process_that_is_stopped_for_a_time_sends_no_old_commands_and_goes_on(tmp_path: Path) -> None:

@@ -186,6 +186,19 @@ def test_an_interrupt_does_not_wait_for_a_hanging_fmu(
 
 
 @pytest.mark.slow
+def test_whichever_signal_ends_a_run_whose_fmu_hangs_it_was_interrupted(fmus: dict[int, Path], tmp_path: Path) -> None:
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
+    scenario = write_scenario(tmp_path, fmus[2], mood=Mood.HANG)
+    running = [process("run", scenario, "--out", f"out{number}") for number in numbers]
+    waited_for(lambda: sum(asleep(child) for child, _ in started()) == len(numbers))
+    for each, number in zip(running, numbers, strict=True):
+        each.send_signal(number)
+    ends = [(each.communicate(timeout=300)[1], each.returncode) for each in running]
+    assert {code for _, code in ends} == {130}
+    assert all(re.search(r"interrupted; wheel \(.*brute2.fmu\) did not let go\n$", said) for said, _ in ends)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "test"])
 def test_nothing_outlives_a_main_process_that_is_killed(fmus: dict[int, Path], tmp_path: Path, command: str) -> None:
     running = busy(command, write_scenario(tmp_path, fmus[2], mood=Mood.HANG))
