@@ -16,7 +16,7 @@ from fmus.errors import TraceError
 from fmus.files import atomic_write
 from orchestrator.can.log_suffixes import SUFFIXES, is_log
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording
+from orchestrator.formats.recording import Recording, coarse
 from orchestrator.plugins import plugins
 from orchestrator.progress import Progress, silent
 from orchestrator.trace import Trace, check_file
@@ -69,6 +69,8 @@ MARKS = {
 def read(path: str | Path, layout: Layout | None = None, progress: Progress = silent) -> Recording:
     """The recording in a file; its trace is named after the file where the file does not name it.
 
+    Numbers are doubles; whole ones that these do not tell apart are noted.
+
     Args:
         progress: told the share of a CAN log that is read.
 
@@ -76,7 +78,11 @@ def read(path: str | Path, layout: Layout | None = None, progress: Progress = si
         TraceError: an unknown suffix, no such file, nothing in it, or it does not hold what `layout` says.
         DatabaseError: it is a CAN log, and the layout's database cannot be read or lacks a signal.
     """
-    file = Path(path)
+    found = _read(Path(path), layout, progress)
+    return replace(found, notes=(*found.notes, *coarse(found.trace)))
+
+
+def _read(file: Path, layout: Layout | None, progress: Progress) -> Recording:
     if is_log(file):
         check_file(file)
         from orchestrator.formats import can_log  # noqa: PLC0415 (it brings python-can and cantools along)

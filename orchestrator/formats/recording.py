@@ -7,12 +7,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from fmus.words import listed
 from orchestrator.marks import Mark
 from orchestrator.stamps import StampReport
-from orchestrator.trace import Trace
+from orchestrator.trace import FloatArray, Trace
 
 if TYPE_CHECKING:
     from orchestrator.formats.layout import Layout
+
+_WHOLE, _LONGEST = 2.0**53, 2.0**64  # from where doubles leave whole numbers out; beyond those of files
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,17 @@ class Recording:
     found: Mapping[str, object] = field(default_factory=dict)
     layout: Layout | None = None
     marks: tuple[Mark, ...] = ()
+
+
+def coarse(trace: Trace) -> tuple[str, ...]:
+    """A line about signals with whole numbers that doubles do not tell apart."""
+    largest = {name: _largest(values) for name, values in trace.signals.items()}
+    kept = [f"'{name}' to {np.spacing(one):g}" for name, one in largest.items() if _WHOLE <= one <= _LONGEST]
+    return (f"whole numbers beyond 2^53 are rounded, as doubles are: {listed(kept)}",) if kept else ()
+
+
+def _largest(values: FloatArray) -> float:
+    return float(np.fmax(np.fmax.reduce(values, initial=0.0), -np.fmin.reduce(values, initial=0.0)))
 
 
 def excerpt(problem: object, most: int = 160) -> str:

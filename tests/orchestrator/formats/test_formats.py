@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pyarrow import parquet
+from pyarrow import csv, parquet
 from scipy.io import loadmat, savemat, whosmat
 from scipy.sparse import csc_array
 
@@ -347,3 +347,19 @@ def test_the_flexible_links_recordings_are_read_by_their_header(butterfly_data: 
         recording = read(path, layout)
         assert recording.stamps.mean_step == pytest.approx(0.002)
         assert recording.trace.names == ("motor", "drive")
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_whole_numbers_that_doubles_do_not_hold_are_noted(suffix: str, tmp_path: Path) -> None:
+    numbers = pa.table({"time": [0.0, 0.1], "id": pa.array([2**60 + 1, 5]), "count": pa.array([-(2**53) + 1, 1])})
+    file = tmp_path / f"numbers{suffix}"
+    parquet.write_table(numbers, file) if suffix == ".parquet" else csv.write_csv(numbers, file)
+    recording = read(file)
+    assert recording.trace["id"][0] == 2.0**60 and recording.trace["count"][0] == 1 - 2.0**53
+    assert recording.notes[-1] == "whole numbers beyond 2^53 are rounded, as doubles are: 'id' to 256"
+
+
+def test_infinite_and_huge_doubles_are_no_whole_numbers(tmp_path: Path) -> None:
+    signals = {"far": np.array([np.inf, 1.0]), "huge": np.array([1e300, 0.0]), "none": np.array([np.nan, np.nan])}
+    write(Trace(np.array([0.0, 1.0]), signals), tmp_path / "far.parquet")
+    assert read(tmp_path / "far.parquet").notes == ()
