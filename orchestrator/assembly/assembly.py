@@ -31,6 +31,7 @@ from orchestrator.fmi.interface import Value, Written
 from orchestrator.fmi.isolation import IsolatedSlave, Isolation
 from orchestrator.fmi.isolation_worker import Make
 from orchestrator.fmi.slave import Slave
+from orchestrator.fmi.within.intermediate import check, maker
 from orchestrator.network.bus_spec import BusSpec
 from orchestrator.network.carriers import interface
 from orchestrator.network.joining import Joined, exchanged, have_exchange, joined
@@ -54,6 +55,7 @@ class ComponentSpec:
         arrays: shapes of the arrays whose elements are all given.
         step: its communication step [s]; None takes the run's.
         feed_through: whether its outputs react to inputs within a step, see `Part`.
+        intermediate: variables whose values are kept whenever the FMU tells of them within a step.
         solver: how its derivatives are integrated, which makes it run by model exchange; None runs co-simulation.
     """
 
@@ -64,6 +66,7 @@ class ComponentSpec:
     feed_through: FeedThrough = "declared"
     solver: SolverSettings | None = None
     arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    intermediate: tuple[str, ...] = ()
 
     @property
     def fmu(self) -> Path | None:
@@ -82,6 +85,8 @@ class ComponentSpec:
         """What makes an instance of its FMU, here or in another process."""
         if file.kind is not FmuKind.CO_SIMULATION:
             return partial(ExchangeSlave, settings=self.solver)
+        if self.intermediate:
+            return partial(maker(file.interface), variables=self.intermediate)
         return ClockedSlave if file.interface.ticks else Slave
 
 
@@ -208,6 +213,8 @@ class OpenSystem:
             if remark := sampling(file.interface, component.parameters, component.step or timing.step):
                 _say(f"{name}: {remark}")
             make = component.maker(file)
+            if isolation is not None and component.intermediate:
+                raise WiringError(f"components.{name}.intermediate", "cannot be isolated", "remove it, or --isolate")
             if isolation is None or name in self.assembled.built:
                 components[name] = make(file, name)
             else:
@@ -283,6 +290,8 @@ class OpenSystem:
         connections = by_variables(self.assembled.system.connections, parts, self.assembled.files)
         system = wire(parts, connections, self.assembled.stimulated)
         for name, component in components.items():
+            place, kind = f"components.{name}.intermediate", self._files[name].kind
+            check(place, parts[name].interface, kind, component.intermediate)
             check_shapes(system, {f"{name}.{array}": shape for array, shape in component.arrays.items()})
             for remark in remarks(system, name, component.parameters):
                 _say(f"{name}: {remark}")

@@ -100,6 +100,7 @@ class ComponentBlock(Block):
     step: Seconds | None = None
     feed_through: FeedThrough = ComponentSpec.feed_through
     solver: SolverBlock | None = None
+    intermediate: list[str] = []
 
     @model_validator(mode="after")
     def _one_source(self) -> ComponentBlock:
@@ -121,7 +122,8 @@ class ComponentBlock(Block):
     def made_of(self, source: str | Path, parameters: Mapping[str, Value]) -> ComponentSpec:
         """The component with a model or FMU in its place, such as a calibrated one, and these values."""
         solver = SolverSettings(**dict(self.solver)) if self.solver else None
-        return ComponentSpec(source, parameters, (), self.step, self.feed_through, solver)
+        made = ComponentSpec(source, parameters, (), self.step, self.feed_through, solver)
+        return replace(made, intermediate=tuple(self.intermediate))
 
     def replaced(self, file: Path) -> ComponentBlock:
         """The same with an FMU in its place, which has its values in it."""

@@ -84,9 +84,6 @@ def _obstacle(loop: Loop) -> str:
         return NOT_BUILT
     if isinstance(loop, IteratedLoop):
         return "steps are iterated"
-    foreign = [node.component.name for node in loop.nodes if type(node.component) not in (Slave, ClockedSlave)]
-    if foreign:
-        return f"{foreign[0]} is no co-simulation FMU in this process"
     for node in loop.nodes:
         if reason := _obstacle_at(node):
             return reason
@@ -98,7 +95,11 @@ def _obstacle(loop: Loop) -> str:
 def _obstacle_at(node: LoopNode) -> str:
     """Why the compiled loop cannot step this FMU, nothing when it can."""
     component = node.component
-    if isinstance(component, Slave) and component.tells:
+    if not isinstance(component, Slave):
+        return f"{component.name} is no co-simulation FMU in this process"
+    if type(component) not in (Slave, ClockedSlave):
+        return f"what {component.name} gives within its steps is kept"
+    if component.tells:
         return f"{component.name} gives texts"
     if node.tells or node.hears:
         return f"texts of {component.name} are connected"

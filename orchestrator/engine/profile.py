@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, NotRequired, TypedDict
 from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Component, Ticking
 from orchestrator.fmi.interface import Value
+from orchestrator.trace import Trace
 
 MOST = 200_000  # events of steps that are kept, some 20 MB as a file
 RUN = "run"  # the track of what is no component's
@@ -147,6 +148,11 @@ class Watched:
 
     def passed(self) -> Sequence[Tick]:
         return self._component.passed() if isinstance(self._component, Ticking) else ()
+
+    @property
+    def intermediate(self) -> Trace | None:
+        """What it gave within its steps, where that is kept."""
+        return getattr(self._component, "intermediate", None)
 
     def get(self, name: str) -> Value:
         return self._component.get(name)

@@ -68,6 +68,7 @@ class Result:
         changes: what was changed between steps, in order.
         deadlines: how they were kept by a run in real time.
         carried: bus -> what it has carried.
+        intermediate: component -> what it gave within its steps, where that was to be kept.
     """
 
     trace: Trace
@@ -79,6 +80,7 @@ class Result:
     changes: Sequence[ValueChange] = ()
     deadlines: Deadlines | None = None
     carried: Mapping[str, BusRecord] = field(default_factory=dict)
+    intermediate: Mapping[str, Trace] = field(default_factory=dict)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -311,6 +311,11 @@ class Simulation:
             ),
             done.ended,
             carried={name: bus.carried() for name, bus in self._buses.items()},
+            intermediate={
+                name: kept
+                for name, component in self.components.items()
+                if (kept := getattr(component, "intermediate", None)) is not None
+            },
         )
 
 

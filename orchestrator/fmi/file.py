@@ -39,6 +39,7 @@ LOG = logging.getLogger("servotwin.fmu")
 DESCRIPTION = "modelDescription.xml"
 LARGEST_DESCRIPTION = 256 << 20
 KEPT_DESCRIPTION = 100_000  # bytes up to which what was read is kept for files that say the same
+_TRUE = ("true", "1")
 TREE = 25  # memory of what is made of a description, by its size
 
 
@@ -218,7 +219,7 @@ def _alone(text: bytes) -> io.BytesIO:
 
 def _amend(description: ModelDescription, root: etree._Element) -> None:
     """Add what FMPy does not read: directional derivatives of FMI 3, bounds of unsigned integers, start values of
-    texts, which units are inverse, how clocks tick."""
+    texts, which units are inverse, how clocks tick, what there is within a step."""
     for tag, offer in (("ModelExchange", description.modelExchange), ("CoSimulation", description.coSimulation)):
         entry = root.find(tag)
         if offer is not None and entry is not None and entry.get("providesDirectionalDerivatives") in ("true", "1"):
@@ -227,6 +228,9 @@ def _amend(description: ModelDescription, root: etree._Element) -> None:
     for unit in description.unitDefinitions:
         unit.displayUnits = [shown for shown in unit.displayUnits if shown.name not in inverse]
     amend(description, root)
+    within = {one.get("name") for one in root.iterfind("ModelVariables/*") if one.get("intermediateUpdate") in _TRUE}
+    for variable in description.modelVariables if within else ():
+        variable.intermediateUpdate = variable.name in within
     unsigned = [variable for variable in description.modelVariables if variable.type.startswith("UInt")]
     texts = [variable for variable in description.modelVariables if variable.type == "String" and variable.dimensions]
     if not unsigned and not texts:
@@ -296,6 +300,10 @@ def _interface(
             if variable.clocks
             for port in elements[variable.name]
         },
+        updates=_says(offer, "providesIntermediateUpdate", False),
+        intermediate=frozenset(
+            name for variable in variables if variable.intermediateUpdate for name in elements[variable.name]
+        ),
         variable_step=_says(offer, "canHandleVariableCommunicationStepSize", True),
         event_mode=description.fmiVersion.startswith("3")
         and (offer is description.modelExchange or _says(offer, "hasEventMode", False)),

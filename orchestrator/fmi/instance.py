@@ -6,7 +6,7 @@ import ctypes
 import logging
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from pathlib import Path
@@ -266,8 +266,7 @@ class FmuInstance(Generic[A]):
                 if former is not None:
                     unpacked.give_back(former)
             with unpacked.same_folder():
-                functions: Any = self.versions[fmu.interface.fmi_version.startswith("3")]
-                self._fmi: A = functions(fmu, self.name, self._log, self._debug_log)
+                self._fmi: A = self._functions(self.versions[fmu.interface.fmi_version.startswith("3")], fmu)
         except Exception as error:
             raise self._failure("instantiate", str(error)) from error
         self._alive = True
@@ -278,6 +277,10 @@ class FmuInstance(Generic[A]):
         self._given_group = self._group()
         self.bind(*self._bound)
         self._configure()
+
+    def _functions(self, kind: Callable[..., A], fmu: FmuFile) -> A:
+        """The functions of the FMU, with an instance made."""
+        return kind(fmu, self.name, self._log, self._debug_log)
 
     def _instantiate(self) -> None:
         """Take a fresh instance of the library that is loaded in the place of the present one."""

@@ -232,6 +232,8 @@ class Interface:
         clocked: variable -> the clocks at whose ticks it is set or changes.
         event_mode: whether it takes events, and so ticks, from outside.
         variable_step: whether its communication steps may change their length.
+        updates: whether it tells of what happens within a step (intermediate update).
+        intermediate: variables that it then gives.
         feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
     """
 
@@ -247,6 +249,8 @@ class Interface:
     clocked: Mapping[str, frozenset[str]] = field(default_factory=dict)
     event_mode: bool = False
     variable_step: bool = True
+    updates: bool = False
+    intermediate: frozenset[str] = frozenset()
 
     @property
     def ticks(self) -> bool:

@@ -40,6 +40,7 @@ class RunCaseDocument(CaseDocument):
     deadlines: NotRequired[DeadlineFigures]
     changes: NotRequired[list[ChangeDocument]]
     buses: NotRequired[dict[str, BusDocument]]
+    intermediate: NotRequired[dict[str, str]]
 
 
 class RecordingDocument(TypedDict):
@@ -91,7 +92,8 @@ class RunDocument(FileDocument):
 
 def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Path, shared: str | None = None) -> None:
     """Write the folder of a run: `<case>.parquet` (or, of a recorder, `<case>.csv`), manifest.json, report.html;
-    and profile.json where there is one, and of each bus `<case>.<bus>.log`.
+    and profile.json where there is one, of each bus `<case>.<bus>.log`, and of each component whose values within
+    its steps are kept `<case>.<component>.parquet`.
 
     Args:
         shared: the folder that the report takes its script from, as seen from its own, where this is one result of
@@ -104,6 +106,8 @@ def write_run(result: ScenarioResult, overrides: Mapping[str, Value], target: Pa
             elif case.result is not None:
                 formats.write(result.recorded(case), folder / trace_file(result, case), for_good=shared is None)
             _write_buses(result, case, folder)
+            for name, trace in case.result.intermediate.items() if case.result is not None else ():
+                formats.write(trace, folder / intermediate_file(result, case, name), for_good=shared is None)
         if (log := said(result)) is not None:
             shutil.copyfile(log, folder / LOG_FILE)
         write_json(folder / "manifest.json", document_of(result, overrides, target))
@@ -138,6 +142,11 @@ def trace_file(result: ScenarioResult, case: CaseResult) -> str:
 def bus_log(result: ScenarioResult, case: CaseResult, bus: str) -> str:
     """Name of the file that the frames of a bus are written to."""
     return f"{Path(trace_file(result, case)).stem}.{bus}.log"
+
+
+def intermediate_file(result: ScenarioResult, case: CaseResult, component: str) -> str:
+    """Name of the file with what a component gave within its steps."""
+    return f"{Path(trace_file(result, case)).stem}.{component}.parquet"
 
 
 def document_of(result: ScenarioResult, overrides: Mapping[str, Value], folder: Path) -> RunDocument:
@@ -219,6 +228,9 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
                 }
                 for name, carried in case.result.carried.items()
             }
+        if case.result.intermediate:
+            names = case.result.intermediate
+            document["intermediate"] = {name: intermediate_file(result, case, name) for name in names}
         if case.result.changes:
             document["changes"] = [_change(change) for change in case.result.changes]
         return {**document, **accounts.document_of(case.result)}

@@ -13,6 +13,7 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD, FAILED, FmiFunctions, Logger
 from orchestrator.fmi.functions.event_mode import Events3
 from orchestrator.fmi.functions.library import FMU2Slave, FMU3Slave
+from orchestrator.fmi.functions.updates import IntermediateUpdates
 from orchestrator.fmi.functions.version2 import Version2
 from orchestrator.fmi.functions.version3 import Version3, receiver
 
@@ -83,7 +84,10 @@ class Fmi2(Version2, CoSimulation):
 class Fmi3(Version3, CoSimulation):
     kind = FMU3Slave
 
-    def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
+    def __init__(
+        self, fmu: FmuFile, name: str, log: Logger, debug_log: bool, updates: IntermediateUpdates | None = None
+    ) -> None:
+        self._made_with = {} if updates is None else updates.arguments()
         super().__init__(fmu, name, log, debug_log)
         self.flags = [ctypes.c_bool() for _ in range(3)]
         self.reached = ctypes.c_double()
@@ -98,6 +102,10 @@ class Fmi3(Version3, CoSimulation):
             ctypes.POINTER(ctypes.c_double),
         ]
         self._results = [*map(ctypes.byref, self.flags), ctypes.byref(self.reached)]
+
+    def instantiate(self) -> None:
+        self.fmu.instantiate(loggingOn=self._debug_log, logMessage=receiver(self._log), **self._made_with)
+        self.handle.value = self.fmu.component
 
     def step(self, time: float, duration: float) -> int:
         return int(self.do_step(self.handle, time, duration, True, *self._results))
@@ -116,5 +124,6 @@ class EventFmi3(Events3, Fmi3):
             logMessage=receiver(self._log),
             eventModeUsed=True,
             earlyReturnAllowed=True,
+            **self._made_with,
         )
         self.handle.value = self.fmu.component

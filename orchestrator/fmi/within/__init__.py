@@ -1,0 +1,1 @@
+"""What an FMU gives within a communication step."""
