@@ -12,13 +12,14 @@ from typing import TypedDict
 from fmus.errors import DatabaseError, InputError
 from fmus.modelling.model import Model, Variable
 from fmus.packaging.native.network import Checksum, Frame, FrameSignal, Network
-from orchestrator.can.codec.fields import check_sendable, longest, raw_limits, resting
+from orchestrator.can.codec.fields import check_sendable, longest, raw_limits
 from orchestrator.can.database.database import Database, load
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import ALGORITHMS
+from orchestrator.can.frames import CLASSIC
 from orchestrator.crossing import Crossing, CrossingDocument, crossing, documents_of, named
+from orchestrator.network.paged import in_order, pages_of, place_of, presence_of, received_by
 
-_FLOATS = (32, 64)
 _MOST = 256  # frames of one FMU
 
 
@@ -62,7 +63,7 @@ class ExportedNetwork:
                     "name": frame.name,
                     "id": frame.id,
                     "period": frame.period * 1e-9 if frame.sent else None,
-                    "variables": [signal.variable for signal in frame.signals],
+                    "variables": [signal.variable for signal in frame.signals if signal.variable],
                 }
                 for frame in self.network.frames
             ],
@@ -115,11 +116,12 @@ def _frame(
         raise DatabaseError(place, problem, "a message has one sender: take them apart")
     (causality,) = causes
     taken = [signal for signal in message.signals if signal.name in named and named[signal.name].causality == causality]
-    _check_kind(place, message)
+    _check_kind(place, message, causality)
     if causality == "output":
         check_sendable(message)
-    signals = tuple(_signal(place, signal, named[signal.name], causality, crossings) for signal in taken)
-    frame = Frame(message.name, message.id, message.extended, message.fd, message.length, 0, signals)
+    signals = tuple(_signal(place, message, signal, named[signal.name], causality, crossings) for signal in taken)
+    mask = received_by(database, message)
+    frame = Frame(message.name, message.id, message.extended, message.fd, message.length, 0, signals, mask=mask)
     return frame if causality == "input" else _sent(place, message, frame, notes)
 
 
@@ -131,7 +133,7 @@ def _sent(place: str, message: MessageSpec, frame: Frame, notes: list[str]) -> F
     if protection is not None and protection.counter:
         counting = message.signal(protection.counter)
         modulus = protection.modulus or 1 << counting.length
-        counter = FrameSignal("", *_place(place, counting), 1.0, 0.0, 0.0, modulus - 1.0), modulus
+        counter = FrameSignal("", *place_of(place, counting), 1.0, 0.0, 0.0, modulus - 1.0), modulus
     if protection is not None and protection.checksum:
         crc, byte = ALGORITHMS[protection.algorithm], checksum_byte(message.signal(protection.checksum))
         assert byte is not None
@@ -141,28 +143,41 @@ def _sent(place: str, message: MessageSpec, frame: Frame, notes: list[str]) -> F
     others = [signal for signal in message.signals if signal.name not in filled]
     if others:
         notes.append(f"{message.name}: {', '.join(s.name for s in others)} rest at the initial value, or zero")
-    rest = {signal.name: resting(signal) for signal in message.signals}
-    data = message.raw.encode(rest, strict=False).ljust(longest(message), b"\0")
-    period = round(message.cycle * 1e9)
-    return replace(frame, length=len(data), period=period, rest=data, counter=counter, checksum=checksum)
+    given = [signal.variable for signal in frame.signals]
+    return replace(
+        frame,
+        signals=in_order(place, message, frame.signals),
+        length=longest(message),
+        period=round(message.cycle * 1e9),
+        pages=pages_of(place, message, given),
+        counter=counter,
+        checksum=checksum,
+    )
 
 
-def _check_kind(place: str, message: MessageSpec) -> None:
+def _check_kind(place: str, message: MessageSpec, causality: str) -> None:
     """See that a message is of a kind that a network FMU writes and reads."""
-    if any(signal.is_multiplexer or signal.multiplexer for signal in message.signals):
-        raise DatabaseError(place, "is multiplexed, which network FMUs do not write or read", "take it apart")
-    if message.addressing is not None:
-        raise DatabaseError(place, "has its sender's address in its identifier", "give it one identifier of its own")
+    if message.addressing is not None and message.length > CLASSIC and not message.fd:
+        problem = f"has {message.length} bytes, which J1939 sends in several frames"
+        raise DatabaseError(place, problem, "take it apart")
+    if message.of_any_sender and causality == "output":
+        raise DatabaseError(place, "has no address of a sender in its identifier", "give it that of the model")
     if message.left_out:
         name, why = next(iter(message.left_out.items()))
         raise DatabaseError(f"{place}.{name}", why, "correct the database")
 
 
 def _signal(
-    place: str, signal: SignalSpec, variable: Variable, causality: str, crossings: list[Crossing]
+    place: str,
+    message: MessageSpec,
+    signal: SignalSpec,
+    variable: Variable,
+    causality: str,
+    crossings: list[Crossing],
 ) -> FrameSignal:
+    presence = presence_of(place, message, signal)
     place = f"{place}.{signal.name}"
-    lies = _place(place, signal)
+    lies = place_of(place, signal)
     ends = named(signal.unit), named("" if variable.unit == "1" else variable.unit)
     crossed = crossing(place, *(ends if causality == "input" else ends[::-1]))
     crossings.append(crossed)
@@ -174,14 +189,7 @@ def _signal(
         problem = f"has values that are not whole, and {variable.name} is {variable.type}"
         raise DatabaseError(place, problem, "see to its scale")
     low, high = raw_limits(signal)
-    return FrameSignal(variable.name, *lies, gain, bias, float(low), float(high))
-
-
-def _place(place: str, signal: SignalSpec) -> tuple[int, int, bool, bool, bool]:
-    """Where a signal lies in its frame, and what its bits stand for."""
-    if signal.is_float and signal.length not in _FLOATS:
-        raise DatabaseError(place, f"is a float of {signal.length} bits", "have it of 32 or 64 bits")
-    return signal.lowest, signal.length, signal.big_endian, signal.is_signed, signal.is_float
+    return FrameSignal(variable.name, *lies, gain, bias, float(low), float(high), presence)
 
 
 def _check_sources(file: Path, frames: list[Frame]) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from fmus.packaging.native import c_code
-from fmus.packaging.native.network import Frame, FrameSignal, Network
+from fmus.packaging.native.network import Frame, FrameSignal, Network, SelectedBy
 
 HEADER = "layout_network.h"
 _NOTHING = FrameSignal("", 0, 0, False, False, False, 1.0, 0.0, 0.0, 0.0)  # C has no empty arrays
@@ -18,8 +18,11 @@ def tables(network: Network, references: Mapping[str, int], first: int) -> str:
         references: of the model's variables.
         first: reference of the first variable of the bus.
     """
-    signals = [_signal(one, references[one.variable]) for frame in network.frames for one in frame.signals]
-    counters = [_signal(frame.counter[0] if frame.counter else _NOTHING, -1) for frame in network.frames]
+    ours = [one for frame in network.frames for one in frame.signals]
+    conditions = _conditions(ours)
+    signals = [_signal(one, references.get(one.variable, -1), conditions) for one in ours]
+    counters = [_signal(frame.counter[0] if frame.counter else _NOTHING, -1, conditions) for frame in network.frames]
+    values = [str(value) for condition in conditions for value in condition.values]
     begun = 0
     frames = []
     for number, frame in enumerate(network.frames):
@@ -32,10 +35,13 @@ def tables(network: Network, references: Mapping[str, int], first: int) -> str:
             f"enum {{ N_FRAMES = {len(network.frames)}, N_SIGNALS = {len(signals)}, LONGEST_SENT = {longest + 1} }};",
             f"enum {{ RX_DATA = {first}, TX_DATA, RX_CLOCK, TX_CLOCK }};",
             *(
-                f"static const unsigned char rest_{number}[] = {{{', '.join(map(str, frame.rest or bytes(1)))}}};"
+                f"static const unsigned char pages_{number}[] = "
+                f"{{{', '.join(map(str, b''.join(frame.pages) or bytes(1)))}}};"
                 for number, frame in enumerate(network.frames)
             ),
-            *_array("BusSignal bus_signals[N_SIGNALS + 1]", [*signals, _signal(_NOTHING, -1)]),
+            f"static const double bus_values[] = {{{', '.join([*values, '0'])}}};",
+            *_array(f"BusPresence bus_presences[{len(conditions) + 1}]", [*_presences(conditions), _presence(None)]),
+            *_array("BusSignal bus_signals[N_SIGNALS + 1]", [*signals, _signal(_NOTHING, -1, conditions)]),
             *_array("BusSignal bus_counters[N_FRAMES]", counters),
             *_array("BusFrame bus_frames[N_FRAMES]", frames),
             "",
@@ -47,8 +53,35 @@ def _array(head: str, entries: Sequence[str]) -> list[str]:
     return [f"static const {head} = {{", *(f"    {entry}," for entry in entries), "};"]
 
 
-def _signal(signal: FrameSignal, reference: int) -> str:
-    whole = [reference, signal.lowest, signal.length, signal.big_endian, signal.signed, signal.is_float]
+def _conditions(signals: Iterable[FrameSignal]) -> list[SelectedBy]:
+    """What the presence of signals goes by, each once."""
+    found: dict[SelectedBy, None] = {}
+    for signal in signals:
+        at: FrameSignal | None = signal
+        while at is not None and at.presence is not None:
+            found[at.presence] = None
+            at = at.presence.selector
+    return list(found)
+
+
+def _presences(conditions: Sequence[SelectedBy]) -> Iterator[str]:
+    first = 0
+    for condition in conditions:
+        above = condition.selector.presence
+        number = -1 if above is None else conditions.index(above)
+        yield _presence(condition.selector, first, len(condition.values), number)
+        first += len(condition.values)
+
+
+def _presence(selector: FrameSignal | None, first: int = 0, count: int = 0, above: int = -1) -> str:
+    place = selector or _NOTHING
+    whole = [place.lowest, place.length, int(place.big_endian), int(place.signed), first, count, above]
+    return f"{{{', '.join(map(str, whole))}}}"
+
+
+def _signal(signal: FrameSignal, reference: int, conditions: Sequence[SelectedBy]) -> str:
+    presence = -1 if signal.presence is None else conditions.index(signal.presence)
+    whole = [reference, signal.lowest, signal.length, signal.big_endian, signal.signed, signal.is_float, presence]
     real = [signal.gain, signal.bias, signal.low, signal.high]
     return f"{{{', '.join([*(str(int(one)) for one in whole), *map(c_code.literal, real)])}}}"
 
@@ -58,6 +91,7 @@ def _frame(frame: Frame, number: int, first: int) -> str:
     crc = [-1, 0, 0, 0, -1]
     if check is not None:
         crc = [check.byte, check.polynomial, check.start, check.mask, -1 if check.data_id is None else check.data_id]
-    whole = [frame.id, frame.extended, frame.fd, frame.length, first, len(frame.signals), modulus, *crc]
+    whole = [frame.id, frame.mask, frame.extended, frame.fd, frame.length, first, len(frame.signals), modulus, *crc]
+    whole.append(len(frame.pages))
     fields = [c_code.string(frame.name), *(str(int(one)) for one in whole), f"UINT64_C({frame.period})"]
-    return f"{{{', '.join(fields)}, rest_{number}}}"
+    return f"{{{', '.join(fields)}, pages_{number}}}"

@@ -6,14 +6,29 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class SelectedBy:
+    """That a signal is in the frames only in which another has one of some values.
+
+    Attributes:
+        selector: where the other lies; it is there itself where its own `presence` says so.
+        values: raw numbers.
+    """
+
+    selector: FrameSignal
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class FrameSignal:
     """Where a variable of the model lies in a frame: variable = gain * raw + bias.
 
     Attributes:
+        variable: "" of what has the same raw number, `low`, in every frame that it is in.
         lowest: position of the lowest bit: counted from the first byte's lowest bit upwards, or, `big_endian`, from
             the first byte's highest bit downwards.
         length: bits.
         low, high: smallest and largest raw number that is sent.
+        presence: in which frames it is; None for all.
     """
 
     variable: str
@@ -26,6 +41,7 @@ class FrameSignal:
     bias: float
     low: float
     high: float
+    presence: SelectedBy | None = None
 
 
 @dataclass(frozen=True)
@@ -46,7 +62,9 @@ class Frame:
     Attributes:
         length: data bytes.
         period: between two that are sent [ns]; 0 of those that are received.
-        rest: its data where nothing is set.
+        signals: of a frame that is sent, what others go by comes before those.
+        pages: its data where nothing is set, in turn; none of those that are received.
+        mask: the bits of an identifier by which frames are received.
         counter: where the counter of frames lies, and how many values it has.
     """
 
@@ -57,7 +75,8 @@ class Frame:
     length: int
     period: int
     signals: tuple[FrameSignal, ...]
-    rest: bytes = b""
+    pages: tuple[bytes, ...] = ()
+    mask: int = 0x1FFFFFFF
     counter: tuple[FrameSignal, int] | None = None
     checksum: Checksum | None = None
 

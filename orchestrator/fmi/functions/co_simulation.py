@@ -13,7 +13,7 @@ from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD, FAILED, FmiFunctions, Logger
 from orchestrator.fmi.functions.event_mode import Events3
 from orchestrator.fmi.functions.library import FMU2Slave, FMU3Slave
-from orchestrator.fmi.functions.updates import IntermediateUpdates
+from orchestrator.fmi.functions.updates import IntermediateUpdates, UpdateArguments
 from orchestrator.fmi.functions.version2 import Version2
 from orchestrator.fmi.functions.version3 import Version3, receiver
 
@@ -87,7 +87,7 @@ class Fmi3(Version3, CoSimulation):
     def __init__(
         self, fmu: FmuFile, name: str, log: Logger, debug_log: bool, updates: IntermediateUpdates | None = None
     ) -> None:
-        self._made_with = {} if updates is None else updates.arguments()
+        self._made_with: UpdateArguments = {} if updates is None else updates.arguments()
         super().__init__(fmu, name, log, debug_log)
         self.flags = [ctypes.c_bool() for _ in range(3)]
         self.reached = ctypes.c_double()

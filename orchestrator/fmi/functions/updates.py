@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
+
+
+class UpdateArguments(TypedDict, total=False):
+    """What instances are made with, as FMPy calls it."""
+
+    intermediateUpdate: IntermediateUpdates
+    requiredIntermediateVariables: tuple[int, ...]
 
 
 @dataclass
@@ -34,6 +41,6 @@ class IntermediateUpdates:
             except Exception as error:  # it would be lost in the FMU's call
                 self.problem = str(error)
 
-    def arguments(self) -> Mapping[str, Any]:
+    def arguments(self) -> UpdateArguments:
         """What instances are made with."""
         return {"intermediateUpdate": self, "requiredIntermediateVariables": self.references}

@@ -326,7 +326,6 @@ def changed(*pairs: tuple[str, str]) -> str:
             changed(('"GenMsgCycleTime" 10', '"GenMsgCycleTime" 0')),
             r"Mixed: has no period, .*give it a GenMsgCycleTime",
         ),
-        (changed(("SG_ b :", "SG_ b M :"), ("SG_ c :", "SG_ c m0 :")), r"Mixed: is multiplexed"),
         (changed(("SIG_VALTYPE_ 300 e : 2;", ""), ("(0.01,1)", "(0,1)")), r"Mixed\.a: its factor is 0"),
     ],
 )

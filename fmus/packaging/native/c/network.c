@@ -3,17 +3,22 @@
 #include <string.h>
 
 typedef struct {
-    int reference, lowest, length, big_endian, is_signed, is_float;
+    int reference, lowest, length, big_endian, is_signed, is_float, presence; /* -1: none; without reference: of no variable */
     double gain, bias, low, high;
 } BusSignal;
 
+typedef struct { /* the selector's place, its values in bus_values, and in what it is there itself; -1: always */
+    int lowest, length, big_endian, is_signed, first, count, above;
+} BusPresence;
+
 typedef struct {
     const char *name;
-    uint32_t id;
+    uint32_t id, mask;
     int extended, fd, length, first, count, modulus; /* signals, and values of the counter */
-    int check, polynomial, start, mask, data_id;     /* of the checksum; -1: none */
+    int check, polynomial, start, sealed, data_id;   /* of the checksum; -1: none */
+    int pages;
     uint64_t period; /* [ns], 0: it is received */
-    const unsigned char *rest;
+    const unsigned char *rest; /* of all pages, one after the other */
 } BusFrame;
 
 #include "layout_network.h"
@@ -97,6 +102,21 @@ static double raw_of(const BusSignal *signal, uint64_t bits)
     return signal->is_signed ? (double)(int64_t)bits : (double)bits;
 }
 
+static int present(const unsigned char *data, int number)
+{
+    for (; number >= 0; number = bus_presences[number].above) {
+        const BusPresence *one = &bus_presences[number];
+        const BusSignal selector = {-1, one->lowest, one->length, one->big_endian, one->is_signed, 0, -1, 1, 0, 0, 0};
+        const double raw = raw_of(&selector, extract(data, &selector));
+        int i = 0;
+        while (i < one->count && bus_values[one->first + i] != raw)
+            i++;
+        if (i == one->count)
+            return 0;
+    }
+    return 1;
+}
+
 static uint64_t bits_of(const BusSignal *signal, double raw)
 {
     if (signal->is_float)
@@ -118,7 +138,7 @@ static unsigned char checksum(const BusFrame *frame, const unsigned char *data)
         for (int bit = 0; bit < 8; bit++)
             value = (value << 1 ^ (value & 0x80u ? (unsigned)frame->polynomial : 0u)) & 0xFFu;
     }
-    return (unsigned char)(value ^ (unsigned)frame->mask);
+    return (unsigned char)(value ^ (unsigned)frame->sealed);
 }
 
 /* Sending */
@@ -140,10 +160,17 @@ static void send(Network *bus, Instance *it, int number_of_frame)
 {
     const BusFrame *frame = &bus_frames[number_of_frame];
     unsigned char data[64];
-    memcpy(data, frame->rest, (size_t)frame->length);
+    memcpy(data, frame->rest + bus->count[number_of_frame] % (unsigned)frame->pages * (unsigned)frame->length,
+           (size_t)frame->length);
     for (int i = frame->first; i < frame->first + frame->count; i++) {
         const BusSignal *signal = &bus_signals[i];
         double value = 0, raw;
+        if (!present(data, signal->presence))
+            continue;
+        if (signal->reference < 0) {
+            insert(data, signal, bits_of(signal, signal->low));
+            continue;
+        }
         instance_get(it, (unsigned)signal->reference, REAL | INTEGER | BOOLEAN | ENUMERATION, &value);
         raw = (value - signal->bias) / signal->gain;
         if (!(raw >= signal->low - 0.5 && raw <= signal->high + 0.5))
@@ -186,7 +213,7 @@ static void take(Instance *it, const BusFrame *frame, const unsigned char *data)
     for (int i = frame->first; i < frame->first + frame->count; i++) {
         const BusSignal *signal = &bus_signals[i];
         const double value = signal->gain * raw_of(signal, extract(data, signal)) + signal->bias;
-        if (isfinite(value))
+        if (isfinite(value) && present(data, signal->presence))
             it->now.values[signal->reference] = value;
     }
     it->now.valid = 0;
@@ -203,7 +230,7 @@ static void receive(Instance *it, uint32_t code, const unsigned char *at, uint32
         return;
     for (int i = 0; i < N_FRAMES; i++) {
         const BusFrame *frame = &bus_frames[i];
-        if (frame->period || frame->id != number(at + HEAD, 4) || frame->extended != at[12])
+        if (frame->period || (frame->id ^ number(at + HEAD, 4)) & frame->mask || frame->extended != at[12])
             continue;
         if (length < (uint32_t)frame->length)
             instance_warn(it, "frame '%s' has %u of its %d bytes: it is not taken", frame->name, (unsigned)length,
