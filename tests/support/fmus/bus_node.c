@@ -18,7 +18,7 @@ enum { INSTANTIATED = 1, INITIALISATION = 2, EVENT = 4, STEP = 8 };
 
 typedef struct {
     double real[OUTPUTS]; /* by reference */
-    bool notified, rx, tx, told;
+    bool notified, rx, tx, shown, told;
     unsigned char out[4096], in[4096];
     size_t out_size, in_size;
     double time;
@@ -137,8 +137,9 @@ FMI3_Export fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference r[]
 {
     Instance *it = c;
     REQUIRE(it->mode == EVENT);
-    for (size_t i = 0; i < n; i++)
-        on[i] = it->tx;
+    for (size_t i = 0; i < n; i++) /* once an activation, as FMI 3.0 has it; the data stay until the event ends */
+        on[i] = it->tx && !it->shown;
+    it->shown = it->tx;
     return fmi3OK;
 }
 FMI3_Export fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference r[], size_t n, size_t sizes[],
@@ -176,7 +177,7 @@ FMI3_Export fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *aga
         receive(it);
     if (it->tx)
         it->out_size = 0;
-    it->rx = it->tx = false, it->in_size = 0;
+    it->rx = it->tx = it->shown = false, it->in_size = 0;
     *again = *ending = *nominals = *values = *known = false;
     return fmi3OK;
 }
