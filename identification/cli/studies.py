@@ -291,7 +291,8 @@ def _fits(sides: Mapping[str, FitSummary | None], compared: Mapping[str, FitSumm
     for side, fit in sides.items():
         if fit is not None:
             worst = f", worst {told(fit['worst'])}" if fit.get("worst") else ""
-            lines.append(f"median FIT, {side}: {_figure(fit['median'])} ({len(fit['traces'])} traces){worst}")
+            traces = "1 trace" if len(fit["traces"]) == 1 else f"{len(fit['traces'])} traces"
+            lines.append(f"median FIT, {side}: {_figure(fit['median'])} ({traces}){worst}")
             outputs = fit.get("outputs", {})
             lines += [f"  {name}: {_figure(value)}" for name, value in outputs.items() if len(outputs) > 1]
     return lines + [

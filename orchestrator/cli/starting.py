@@ -45,5 +45,6 @@ def init(
     for file, source in written.items():
         file.parent.mkdir(parents=True, exist_ok=True)
         atomic_write(file, source.read_bytes())
-    shown = [*(f"wrote {file}" for file in written), "next:", *(f"  {line}" for line in starter.commands)]
+    place = "next:" if out == Path() else f"next, in {out}:"
+    shown = [*(f"wrote {file}" for file in written), place, *(f"  {line}" for line in starter.commands)]
     return Answer({"files": [str(file) for file in written], "next": list(starter.commands)}, shown)

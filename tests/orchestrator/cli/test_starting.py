@@ -31,6 +31,10 @@ def test_starting_files_do_what_their_last_lines_say(
         assert "warning" not in done.output
 
 
+def test_another_folder_for_starting_files_is_named_where_the_next_commands_are(tmp_path: Path) -> None:
+    assert f"next, in {tmp_path / 'new'}:" in servotwin(f"init model --out {tmp_path / 'new'}").output
+
+
 def test_a_file_that_is_there_is_kept_and_nothing_else_written(tmp_path: Path) -> None:
     (tmp_path / "study.yaml").write_text("mine")
     refused = servotwin(f"init study --out {tmp_path}")

@@ -54,7 +54,7 @@ def test_a_calibration_is_shown_as_a_table_with_fits_and_where_it_is(rig: Path, 
         "estimate",
         "median FIT, train: 0.99",
         "median FIT, validation: 0.99",
-        "(1 traces)",
+        "(1 trace)",
     ):
         assert word in answer.stdout
     assert f"FMUs in {tmp_path / 'c' / 'fmus'}, report in {tmp_path / 'c' / 'report.html'}" in answer.stdout
