@@ -86,12 +86,12 @@ class FmuError(ServotwinError, RuntimeError):
 
 
 class PartialError(FmuError):
-    """An FMU failed; `result` is what there was until then.
+    """An FMU, or a bus that it is on, failed; `result` is what there was until then.
 
     From one process to another it travels as the error that it is of.
     """
 
-    def __init__(self, error: FmuError, result: Any) -> None:
+    def __init__(self, error: FmuError | BusError, result: Any) -> None:
         super().__init__(error.place, error.problem, error.fix)
         self.result, self.exit_code = result, error.exit_code
 

@@ -1,18 +1,26 @@
 """A bus of a scenario coupled to a real or virtual one in real time: what is on one is on the other, too.
 
 The real bus is one more node of the simulated one. What comes from it goes over the simulated bus again, in the step
-after it came; what got through there is given to the adapter when the step is over.
+after it came; what got through there is given to the adapter when the step is over. Nothing passes in steps that are
+too late, nor to an adapter that is full: frames are dropped and counted, not sent when they are old.
 """
 
 from __future__ import annotations
 
+import logging
+import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from fmus.errors import InputError
-from orchestrator.can.live.bus import BusSettings, opened, send
+from fmus.errors import BusError, InputError
+from orchestrator.bridge.safety.resting import usual_lateness
+from orchestrator.can.live.backlog import Backlog
+from orchestrator.can.live.bus import BusSettings
+from orchestrator.can.live.line import SendingLine
+from orchestrator.can.live.link import linked
+from orchestrator.can.live.news import News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.ls_bus.messages import message_of, operation_of
 from orchestrator.can.ls_bus.operations import Transmit, TransmitFd, decoded, encoded
@@ -20,39 +28,93 @@ from orchestrator.engine import Result, Run, Simulation, Sink
 from orchestrator.live.paced import Paced
 from orchestrator.network.carriers import CanBus
 
+LOG = logging.getLogger("servotwin.can")
 _QUEUE = 4096  # frames that wait to be taken at most
+_REFUSING = 0.1  # for which an adapter may refuse all frames where nothing is received [s]
+_ROOM = 0.005  # for which an adapter may have no room, once; until it takes a frame again it is not waited for [s]
 
 
 class RealNode:
-    """A real bus as a node of a simulated one; see `BusNode` for the methods."""
+    """A real bus as a node of a simulated one; see `BusNode` for the methods.
+
+    Args:
+        most_late: by how much a step may be late [s].
+
+    Attributes:
+        late: by how much the step is that is being taken [s].
+    """
 
     notified = False
 
-    def __init__(self, name: str, bus: BusSettings, stack: ExitStack) -> None:
-        self.name, self._settings = name, bus
-        self._bus = stack.enter_context(opened(bus))
-        self._receiver = stack.enter_context(Receiver(self._bus, _QUEUE))
-        self._odd = Counter[str]()
+    def __init__(self, bus: BusSettings, most_late: float, stack: ExitStack) -> None:
+        self.name, self._settings, self._most_late, self.late = bus.place, bus, most_late, 0.0
+        link = stack.enter_context(linked(bus, _REFUSING, lambda line: LOG.warning("%s", line)))
+        receiver = stack.enter_context(Receiver(link, _QUEUE, most_late=most_late))
+        self._line = SendingLine(link, receiver, Backlog(bus), most_late, self.name)
+        self._odd, self._crowded, self._begun = Counter[str](), False, False
+        self._news = News(lambda line: LOG.warning("%s: %s", self.name, line))
 
     def sent(self, time: float) -> Iterable[tuple[float, bytes]]:
-        frames = [frame for frame in self._receiver.take() if not self._is_odd(frame.is_error_frame)]
-        return [(time, encoded([operation_of(frame)])) for frame in frames]
+        frames = self._line.take()
+        good = [frame for frame in frames if not frame.is_error_frame]
+        self._count(len(frames) - len(good), "error frames were not passed on")
+        if self._is_late:
+            self._count(len(good), "frames were dropped: they came before steps that were too late")
+            return []
+        return [(time, encoded([operation_of(frame)])) for frame in good]
 
     def deliver(self, operations: Sequence[bytes]) -> None:
         for operation in (one for data in operations for one in decoded(data)):
             if isinstance(operation, TransmitFd) and not self._settings.fd:
-                self._odd["CAN FD frames were not sent: the bus has none"] += 1
+                self._count(1, "CAN FD frames were not sent: the bus has none")
             elif isinstance(operation, Transmit | TransmitFd):
-                send(self._bus, message_of(operation))
+                self._give(operation)
 
     def remarks(self) -> list[str]:
-        dropped = self._receiver.dropped
-        lost = [f"{dropped:,} frames were dropped: they came faster than they could be taken"] if dropped else []
-        return [f"{self.name}: {line}" for line in [*lost, *(f"{n:,} {what}" for what, n in self._odd.items())]]
+        return [f"{self.name}: {count:,} {what}" for what, count in self._counts().items() if count]
 
-    def _is_odd(self, error: bool) -> bool:
-        self._odd.update(["error frames were not passed on"] if error else [])
-        return error
+    def begin(self, late: float) -> None:
+        """A step begins that is so late [s].
+
+        Raises:
+            BusError: the bus is lost.
+        """
+        now, line = time.monotonic(), self._line
+        self.late = late
+        line.fills(now)
+        self._news.look(now, self._counts)
+        if not self._begun:
+            self._begun = True
+            self._count(len(line.take()), "frames were left out: they came before the first step")
+        if trouble := line.link.trouble or str(line.receiver.failure or ""):
+            raise BusError(self.name, f"is lost ({trouble})", "see to the adapter and the wiring")
+
+    @property
+    def _is_late(self) -> bool:
+        return self.late > self._most_late
+
+    def _give(self, operation: Transmit | TransmitFd) -> None:
+        if self._is_late:
+            self._count(1, "frames were not sent: steps were too late")
+        elif self._line.full:
+            self._line.blocked += 1
+        else:
+            patience = 0.0 if self._crowded else _ROOM
+            self._crowded = not self._line.give(message_of(operation), time.monotonic(), patience)
+
+    def _counts(self) -> dict[str, int]:
+        line, receiver = self._line, self._line.receiver
+        return self._odd | {
+            "frames were dropped: they came faster than they could be taken": receiver.dropped,
+            "frames were dropped: they came while this computer did not look": receiver.late,
+            "frames were not sent: the adapter had no room": line.link.no_room,
+            "frames were not sent: the bus was full": line.blocked,
+            "frames were not sent: the bus was lost": line.link.unsent,
+            "frames and commands that the adapter refused": line.link.refused,
+        }
+
+    def _count(self, count: int, what: str) -> None:
+        self._odd[what] += count
 
 
 @dataclass(frozen=True)
@@ -67,7 +129,7 @@ class Coupled:
 
         Raises:
             InputError: there are more buses than the scenario has.
-            BusError: an adapter does not open, or takes no more.
+            BusError: an adapter does not open.
         """
         own = [one for one in simulation.components.values() if isinstance(one, CanBus)]
         if len(own) != len(self.buses):
@@ -76,7 +138,13 @@ class Coupled:
                 places, f"{len(self.buses)} buses for {len(own)} of the scenario ({names})", "give one each"
             )
         with ExitStack() as stack:
-            for carrier, bus in zip(own, self.buses, strict=True):
-                node = RealNode(bus.place, bus, stack)
+            most_late = usual_lateness(float(simulation.timing.step))
+            nodes = [RealNode(bus, most_late, stack) for bus in self.buses]
+            for carrier, node in zip(own, nodes, strict=True):
                 stack.enter_context(carrier.joined(node))
-            return self.paced.execute(simulation, run, sink)
+
+            def begin(late: float) -> None:
+                for node in nodes:
+                    node.begin(late)
+
+            return replace(self.paced, begins=begin).execute(simulation, run, sink)

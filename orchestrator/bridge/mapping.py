@@ -10,7 +10,7 @@ from fractions import Fraction
 from fmus.errors import DatabaseError, WiringError
 from fmus.words import with_article
 from orchestrator.bridge.safety.dependence import STOP, needs
-from orchestrator.bridge.safety.resting import Rules
+from orchestrator.bridge.safety.resting import Rules, usual_lateness
 from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, Reception
 from orchestrator.bridge.signals.location import Locations, MessageLocation
 from orchestrator.bridge.signals.outputs import SentMessage, SentSignal
@@ -93,7 +93,7 @@ def coupled(
         block.resume == "latch",
         block.after,
         block.on_silence == "end",
-        block.most_late or max(0.05, 3 * float(step)),
+        block.most_late or usual_lateness(float(step)),
         block.give_up,
         block.reconnect,
     )

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from fmus.errors import FmuEnded, FmuError
+from fmus.errors import BusError, FmuEnded, FmuError
 from orchestrator.engine import Interrupted, LiveRun, Result, Run, RunFailed, Simulation, Sink
 from orchestrator.live.steering import Steering
 from orchestrator.progress import Figures, Progress
@@ -24,9 +24,14 @@ SHOWN = 6  # outputs whose values are shown while it runs
 
 @dataclass(frozen=True)
 class Paced:
-    """Runs simulations in real time."""
+    """Runs simulations in real time.
+
+    Attributes:
+        begins: told before each step how late it is [s].
+    """
 
     steering: Steering
+    begins: Callable[[float], None] = lambda lateness: None
 
     def execute(self, simulation: Simulation, run: Run, sink: Sink | None = None) -> Result:
         """The result of a run, with what was changed meanwhile and how the deadlines were kept.
@@ -34,7 +39,7 @@ class Paced:
         Raises:
             InputError: a value, or what may be changed, does not fit; nothing was stepped.
             Interrupted: it was told to end; it carries the result up to there.
-            RunFailed: an FMU failed while stepping; it carries that, too.
+            RunFailed: an FMU, or a bus that it is on, failed while stepping; it carries that, too.
         """
         pieces: list[Trace] = []
         stimuli = simulation.driven(run.stimuli, len(simulation.instants()))
@@ -43,12 +48,12 @@ class Paced:
         shown = [name for name in simulation.outputs if name in recorded][:SHOWN]
         with stop_requests() as stop:
             live = simulation.live(first, shown, sink or pieces.append, self.steering.tuned)
-            going = _Going(live, simulation.timing.step, stimuli, stop)
-            failure: FmuError | None = None
+            going = _Going(live, simulation.timing.step, stimuli, stop, self.begins)
+            failure: FmuError | BusError | None = None
             with self.steering.begun(live, float(simulation.timing.step)) as requests, quiet():
                 try:
                     going.through(requests.make, self.steering.progress)
-                except FmuError as error:
+                except (FmuError, BusError) as error:
                     failure = error
             result = live.result()
         ended = str(failure) if isinstance(failure, FmuEnded) else ""
@@ -68,10 +73,13 @@ class _Going:
     Args:
         step: between two beginnings of steps [s].
         stimuli: (K, s) values from each step on.
+        begins: told before each step how late it is [s].
     """
 
-    def __init__(self, live: LiveRun[Result], step: Fraction, stimuli: FloatArray, stop: Stop) -> None:
-        self._live, self._step, self._stimuli, self._stop = live, step, stimuli, stop
+    def __init__(
+        self, live: LiveRun[Result], step: Fraction, stimuli: FloatArray, stop: Stop, begins: Callable[[float], None]
+    ) -> None:
+        self._live, self._step, self._stimuli, self._stop, self._begins = live, step, stimuli, stop, begins
         self.deadlines = Deadlines(float(step))
 
     def through(self, change: Callable[[], None], progress: Progress) -> None:
@@ -82,6 +90,7 @@ class _Going:
 
         Raises:
             FmuError: an FMU fails, or asks to stop.
+            BusError: a bus that it is on fails.
         """
         live, deadlines, last = self._live, self.deadlines, len(self._stimuli) - 1
         reports, flushes = (max(1, round(seconds / float(self._step))) for seconds in (_REPORTS, _FLUSHES))
@@ -93,6 +102,7 @@ class _Going:
             if self._stop.requested:
                 return
             deadlines.begun(now - deadline)
+            self._begins(now - deadline)
             live.given[:] = given
             change()
             live.step()

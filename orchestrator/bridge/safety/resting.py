@@ -25,6 +25,11 @@ class OutputState(StrEnum):
     ENDED = "ended"
 
 
+def usual_lateness(step: float) -> float:
+    """By how much a step of so long may be late where nobody says it [s]."""
+    return max(0.05, 3 * step)
+
+
 @dataclass(frozen=True)
 class Rules:
     """When outputs rest and go on again.

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -10,16 +13,22 @@ from pathlib import Path
 from typing import Any
 
 import can
+import can.interfaces.virtual
 import pytest
 
 from fmus.errors import InputError
+from orchestrator import formats
 from orchestrator.bridge.coupled_bus import Coupled
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.engine import Result
+from orchestrator.can.slcan.hub import hub_process
+from orchestrator.engine import Result, Run, Simulation, Sink
 from orchestrator.live.paced import Paced
 from orchestrator.live.steering import Steering
 from orchestrator.scenario.run import Keeping, run_scenario
+from tests.support.can.coupling_samples import frame
+from tests.support.can.wiring import BITRATE, HANG, command, joined
 from tests.support.commands import servotwin
+from tests.support.tools.own_processes import children
 
 Node = Callable[..., Path]
 BUS = {"can0": {"nodes": ["a.Can", "b.Can"], "bitrate": 500_000}}
@@ -31,6 +40,12 @@ def peer(tmp_path: Path) -> Iterator[can.BusABC]:
     """Another one on the virtual bus that is called as the folder."""
     with can.Bus(interface="virtual", channel=str(tmp_path)) as bus:
         yield bus
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy computer is no fault."""
+    monkeypatch.setattr("orchestrator.bridge.coupled_bus.usual_lateness", lambda step: 1e4)
 
 
 def coupled(file: Path, *channels: str) -> Result:
@@ -61,10 +76,10 @@ def test_the_frames_on_the_bus_are_those_of_the_run(
 
 
 def test_what_comes_from_the_bus_is_received(node: Node, scenario: Any, peer: can.BusABC, tmp_path: Path) -> None:
-    file = scenario({"a": (node(), {"first": 10}), "b": (node(), {"first": 10})}, BUS, step=0.01, stop=0.5)
+    file = scenario({"a": (node(), FAST), "b": (node(), {"first": 10})}, BUS, step=0.01, stop=0.5)
 
     def talk() -> None:
-        time.sleep(0.1)
+        assert peer.recv(HANG) is not None  # it has begun
         for number in range(3):
             peer.send(can.Message(arbitration_id=0x321, data=[number, 0], is_extended_id=False))
 
@@ -72,9 +87,67 @@ def test_what_comes_from_the_bus_is_received(node: Node, scenario: Any, peer: ca
     talking.start()
     found = coupled(file, str(tmp_path))
     talking.join()
-    assert found.trace["a.received"][-1] == found.trace["b.received"][-1] == 3
+    assert found.trace["a.received"][-1] == 3
     assert found.trace["a.last_id"][-1] == 0x321
-    assert heard(peer) == []
+    frames = [frame.arbitration_id for frame in found.carried["can0"].frames.messages()]
+    assert frames.count(0x321) == 3 and found.trace["b.received"][-1] >= len(frames) - 2
+    assert {identifier for identifier, _ in heard(peer)} == {0x100}
+
+
+def test_what_comes_before_the_first_step_is_left_out(
+    node: Node, scenario: Any, peer: can.BusABC, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = scenario({"a": (node(), {"first": 10}), "b": (node(), {"first": 10})}, BUS, step=0.01, stop=0.1)
+
+    class Early(Paced):
+        def execute(self, simulation: Simulation, run: Run, sink: Sink | None = None) -> Result:
+            peer.send(can.Message(arbitration_id=0x321, is_extended_id=False))
+            return super().execute(simulation, run, sink)
+
+    buses = (BusSettings("virtual", str(tmp_path)),)
+    found = run_scenario(file, keeping=Keeping(execute=Coupled(Early(Steering()), buses).execute)).cases[0].result
+    assert found is not None and found.trace["a.received"][-1] == 0
+    assert "1 frames were left out: they came before the first step" in caplog.text
+
+
+@pytest.mark.slow
+def test_after_a_pause_of_its_process_no_old_frames_pass_either_way(node: Node, scenario: Any, tmp_path: Path) -> None:
+    file = scenario({"a": (node(), FAST), "b": (node(), {"first": 10})}, BUS, step=0.01, stop=4)
+    with hub_process(tmp_path / "bus", 2) as hub, joined(hub.paths[0]) as other:
+        options = ["--interface", "slcan", "--channel", hub.paths[1], "--bitrate", BITRATE, "--out", tmp_path / "out"]
+        with command("can", "bridge", file, *options, "--json") as bridge:
+            before = [other.recv(HANG) for _ in range(20)]
+            (process,) = children(bridge.pid)
+            os.kill(process, signal.SIGSTOP)
+            for number in range(50):
+                other.send(frame(0x321, bytes([number])))
+                time.sleep(0.02)
+            os.kill(process, signal.SIGCONT)
+            said, complaints = bridge.communicate(timeout=HANG)
+            after = list(iter(lambda: other.recv(0.2), None))
+    assert bridge.returncode == 0, complaints
+    told = json.loads(said)["cases"][0]["buses"]["can0"]
+    remarks = " ".join(told["remarks"])
+    unsent = sum(map(int, re.findall(r"(\d+) frames were not sent: steps were too late", remarks)))
+    assert unsent > 200 and f"{unsent} frames were not sent: steps were too late" in " ".join(complaints.split())
+    dropped = sum(map(int, re.findall(r"(\d+) frames were dropped", remarks)))
+    assert dropped > 40
+    own = told["frames"] - (50 - dropped)
+    assert len(before) + len(after) == own - unsent
+
+
+def test_a_lost_bus_ends_network_fmus_with_their_result(node: Node, scenario: Any, tmp_path: Path) -> None:
+    class Unplugged(can.interfaces.virtual.VirtualBus):
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            raise can.CanOperationError("unplugged")
+
+    file = scenario({"a": (node(), FAST), "b": (node(), {"first": 10})}, BUS, step=0.01, stop=60)
+    command = ["can", "bridge", file, "--interface", "virtual", "--channel", tmp_path, "--out", tmp_path / "out"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("orchestrator.can.live.link.open_bus", lambda settings: Unplugged(str(tmp_path)))
+        done = servotwin(*command)
+    assert done.exit_code == 3 and "is lost (unplugged); see to the adapter" in " ".join(done.stderr.split())
+    assert len(formats.read(tmp_path / "out" / "run.parquet").trace) > 1
 
 
 def test_there_is_one_real_bus_for_each(node: Node, scenario: Any, tmp_path: Path) -> None:

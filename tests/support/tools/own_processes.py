@@ -22,6 +22,11 @@ def started() -> list[tuple[int, str]]:
     return [each for each in found if each[0] != os.getpid()]
 
 
+def children(pid: int) -> list[int]:
+    """The processes that one has started."""
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
 def workers() -> list[int]:
     return [number for number, command in started() if "isolation_worker" in command]
 

@@ -26,6 +26,7 @@ from tests.support.can.mapped import couple
 from tests.support.can.wiring import BITRATE, HANG, command, joined, settings, wait_for
 from tests.support.fmus import brute
 from tests.support.fmus.brute import Mood
+from tests.support.tools.own_processes import children
 
 pytestmark = pytest.mark.slow  # processes
 
@@ -91,11 +92,6 @@ def driving(folder: Path, law: dict[str, object] = LAW, how: str = "bridge") -> 
 def stepping(bridge: Popen[str]) -> int:
     """The process that steps, a child of the one that was started."""
     return children(bridge.pid)[0]
-
-
-def children(pid: int) -> list[int]:
-    """The processes that one has started."""
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def test_safe_values_go_out_when_the_process_that_steps_is_killed(tmp_path: Path) -> None:
