@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import TypedDict
 
-from fmus.errors import InputError
+from fmus.errors import InputError, RecordError
 from orchestrator.can.database.sources import DatabaseFiles, paths
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, OnBuses
@@ -179,20 +180,48 @@ class ManifestFile:
         self._path, self._fresh = folder / "manifest.json", folder / ".manifest.json"
 
     def write(self, manifest: RecordingManifest) -> None:
-        """Put it in the place of the one before."""
+        """Put it in the place of the one before; into that where there is no room for another.
+
+        Raises:
+            RecordError: there is no room for it at all.
+        """
         text = json.dumps(manifest.document(), indent=2, allow_nan=False) + "\n"
-        with self._fresh.open("r+b" if self._fresh.exists() else "wb") as file:
-            file.write(text.encode())
-            file.truncate()
-        self._fresh.replace(self._path)
+        try:
+            _overwrite(self._fresh, text)
+            self._fresh.replace(self._path)
+        except OSError as error:
+            self._write_into(text, error, manifest.frames)
         if manifest.ended == "unfinished":
             self._reserve()
+
+    def _write_into(self, text: str, error: OSError, frames: int) -> None:
+        """Write it into the one before, whose last block has room for a little more; else that one stays."""
+        self._free()
+        before = self._path.read_text(encoding="utf-8") if self._path.is_file() else ""
+        try:
+            _overwrite(self._path, text)
+        except OSError:
+            with suppress(OSError):
+                _overwrite(self._path, before) if before else self._path.unlink()
+            problem = f"cannot be written ({error.strerror or error})"
+            raise RecordError(self._path, problem, f"make room on the disk; {frames:,} frames are kept") from error
 
     def _reserve(self) -> None:
         for size in _ROOM:
             try:
                 self._fresh.write_bytes(bytes(size))
             except OSError:  # less may fit
-                self._fresh.unlink(missing_ok=True)
+                self._free()
             else:
                 return
+
+    def _free(self) -> None:
+        with suppress(OSError):
+            self._fresh.unlink(missing_ok=True)
+
+
+def _overwrite(path: Path, text: str) -> None:
+    """Write a file over what it has held, whose room it keeps until then."""
+    with path.open("r+b" if path.exists() else "wb") as file:
+        file.write(text.encode())
+        file.truncate()

@@ -127,6 +127,8 @@ class LogFiles:
                 self._add(message)
         except OSError as error:
             raise self._unwritable(error) from error
+        if messages and not isinstance(self._writer, _BlfWriter):  # whose containers are the better the larger
+            self.sync()
 
     def sync(self) -> None:
         """Let the file hold all frames so far, whatever becomes of this process."""

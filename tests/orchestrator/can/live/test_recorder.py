@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import signal
 import time
@@ -19,7 +20,7 @@ from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.manifest import BusRecording
 from orchestrator.can.live.recorder import record
 from tests.support.can.recordings import DATABASE, frames, manifest, numbers, recorded, virtual
-from tests.support.can.wiring import BITRATE, HANG, frame
+from tests.support.can.wiring import BITRATE, HANG, frame, number
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 
@@ -151,6 +152,59 @@ def test_there_is_room_for_the_last_manifest(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["manifest.json", "run_0001.blf"]
     text = (tmp_path / "run" / "manifest.json").read_text()
     assert text.endswith("}\n") and json.loads(text)["ended"] == "stopped"
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".log"])
+def test_of_a_small_disk_that_fills_at_once_every_frame_that_is_whole_there_is_kept(
+    tmp_path: Path, suffix: str
+) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    former = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (14_336, before[1]))
+        with pytest.raises(RecordError) as failed:
+            virtual(f"small{suffix}", tmp_path / "run", *(frames(50) for _ in range(20)), suffix=suffix)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, former)
+    kept = len(numbers(tmp_path / "run"))
+    assert kept >= 50 and f"; {kept:,} frames up to there are kept" in str(failed.value)
+    assert manifest(tmp_path / "run")["frames"] == kept
+
+
+def test_where_there_is_no_room_for_another_manifest_it_is_written_into_the_first(tmp_path: Path) -> None:
+    _, folder = _narrowed(tmp_path, ".manifest.json")
+    assert manifest(folder)["ended"] == "stopped" and manifest(folder)["frames"] == len(numbers(folder)) == 3
+
+
+def test_where_there_is_no_room_for_any_manifest_the_frames_that_are_kept_are_told(tmp_path: Path) -> None:
+    failure, folder = _narrowed(tmp_path, ".manifest.json", "manifest.json")
+    assert re.search(r"manifest.json: cannot be written \(.*\); make room on the disk; 3 frames are kept", str(failure))
+    assert failure is not None and failure.exit_code == 3
+    assert [number(message) for batch in logs.read(folder / "run_0001.blf") for message in batch.messages()] == [
+        0,
+        1,
+        2,
+    ]
+
+
+def _narrowed(tmp_path: Path, *names: str) -> tuple[RecordError | None, Path]:
+    """What ends a recording of three frames in whose folder no files of these names can be written any more."""
+    folder, bus = tmp_path / "run", BusSettings("virtual", names[-1])
+
+    def narrow(share: float, doing: str) -> None:
+        if doing.startswith("3 frames"):
+            for place in map(folder.joinpath, names):
+                place.unlink()
+                place.mkdir()
+            signal.raise_signal(signal.SIGINT)
+
+    with opened(bus) as sender:
+        try:
+            record(BusRecording(bus, folder, duration=HANG), narrow, lambda: [*map(sender.send, frames(3))] and None)
+        except RecordError as failure:
+            return failure, folder
+    return None, folder
 
 
 def test_a_bus_that_does_not_open_leaves_no_folder(tmp_path: Path) -> None:
