@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -127,11 +127,12 @@ class LiveOptions:
 
 def files(texts: list[str] | None) -> dict[str, Path]:
     """What the options --fmu say: component -> file."""
-    named = {}
+    named: dict[str, Path] = {}
     for text in texts or []:
         component, separator, file = text.partition("=")
         if not (component and separator and file):
             raise InputError(f"--fmu {text}", "is not COMP=FILE", "write --fmu controller=out/fmus/controller.fmu")
+        _refuse_again(component, named, text, "--fmu")
         named[component] = Path(file)
     return named
 
@@ -140,4 +141,14 @@ def overrides(texts: list[str] | None) -> dict[str, Value | list[Any]]:
     """What the options --set say."""
     from orchestrator.scenario.run import parse_override
 
-    return dict(map(parse_override, texts or []))
+    named: dict[str, Value | list[Any]] = {}
+    for text in texts or []:
+        name, value = parse_override(text)
+        _refuse_again(name, named, text, "--set")
+        named[name] = value
+    return named
+
+
+def _refuse_again(name: str, named: Mapping[str, object], text: str, option: str) -> None:
+    if name in named:
+        raise InputError(f"{option} {text}", f"is the second {option} of '{name}'", "leave out one of them")

@@ -82,6 +82,8 @@ class Coverage:
             self.count(MutationOutcome.SEEN),
             self.count(MutationOutcome.SEEN) + self.count(MutationOutcome.UNSEEN),
         )
+        if not acting:
+            return "no change was made that acts: there was nothing to notice"
         return (
             f"{100 * self.share:.1f} % of the changes that act are noticed ({seen} of {acting}; "
             f"{self.count(MutationOutcome.WITHOUT_EFFECT)} change no output by more than the solver is off)"

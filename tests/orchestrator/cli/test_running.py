@@ -66,6 +66,13 @@ def test_a_set_that_does_not_fit_is_refused_in_one_line(
     assert problem in line and not (tmp_path / "out").exists()
 
 
+def test_a_variable_that_is_set_twice_is_refused(scenario: Path, tmp_path: Path) -> None:
+    both = ("--set", "hand.inertia=4e-3", "--set", "hand.inertia=5e-3")
+    answer = servotwin("run", scenario, "--out", tmp_path / "out", *both)
+    problem = "--set hand.inertia=5e-3: is the second --set of 'hand.inertia'; leave out one of them"
+    assert answer.exit_code == 2 and problem in answer.stderr
+
+
 @pytest.mark.slow
 def test_running_twice_gives_the_same_bytes_in_every_trace(tmp_path: Path) -> None:
     cases = [{"name": "low"}, {"name": "high", "set": {"hand.angle_start": 0.55}}]

@@ -152,6 +152,7 @@ def test_parts_of_a_case_notice_what_all_of_it_does(tmp_path: Path, monkeypatch:
 def test_a_scenario_that_fails_as_it_is_cannot_notice_anything(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not pass as it is"):
         MutationJudge()(scenario(tmp_path, expect=[{"signal": "hand.angle", "below": 0}]), tmp_path)
+    assert Coverage.of([]).sentence == "no change was made that acts: there was nothing to notice"
 
 
 def test_the_share_is_of_changes_that_show_and_names_what_no_file_notices(tmp_path: Path) -> None:
