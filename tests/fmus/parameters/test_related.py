@@ -33,11 +33,13 @@ TABLES = f"""<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" elementFormD
       <xs:attribute name="type" type="xs:string"/>
       <xs:attribute name="source" type="xs:anyURI" use="required"/>
       <xs:attribute name="role" use="required"><xs:simpleType><xs:restriction base="xs:string">
-        {"".join(f'<xs:enumeration value="{role}"/>' for role in ROLES.split())}
+        <xs:pattern value="{"|".join(ROLES.split())}|serialized-state(/.*)?"/>
       </xs:restriction></xs:simpleType></xs:attribute>
       <xs:attribute name="description" type="xs:string"/>
       <xs:attribute name="checksum" type="xs:hexBinary"/>
-      <xs:attribute name="checksumType" type="xs:string"/></xs:complexType></xs:element>
+      <xs:attribute name="checksumType" default="SHA3-256"><xs:simpleType><xs:restriction base="xs:string">
+        <xs:pattern value="SHA3?-(224|256|384|512)"/></xs:restriction></xs:simpleType></xs:attribute>
+      </xs:complexType></xs:element>
     <xs:element ref="Annotations" minOccurs="0"/></xs:sequence>
     <xs:attribute ref="fmi-ls:fmi-ls-name" use="required" fixed="org.fmi-standard.fmi-ls-ref"/>
     <xs:attribute ref="fmi-ls:fmi-ls-version" use="required" fixed="1.0.0-alpha.1"/>
