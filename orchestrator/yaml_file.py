@@ -34,6 +34,7 @@ from orchestrator.documents.parsing import one_line, parse
 from orchestrator.documents.parts import INCLUDE, PART, document_of, place_of
 from orchestrator.documents.sources import plain
 from orchestrator.rational import seconds
+from orchestrator.ssp import is_ssp
 
 # A key at the top that tells what a file is -> what that is, and the command that takes it.
 KINDS = {
@@ -131,6 +132,10 @@ def load_joined(path: Path, schema: type[B]) -> tuple[B, tuple[Path, ...]]:
         ScenarioError: as `load`, or a part cannot be included.
     """
     document, parts = document_of(path, partial(_named_files, schema))
+    run = schema.model_fields.get("run")
+    if is_ssp(path) and run is not None and run.is_required() and "run" not in document:
+        fix = f"give it one, or run a scenario that says `include: [{path.name}]` and `run`"
+        raise ScenarioError(path, "has no default experiment with a stop time", fix)
     return _checked(path, document, schema), parts
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -14,7 +14,7 @@ from fmus.errors import FmuFileError, WiringError
 from fmus.files import RawMap
 from fmus.units import SAME, Conversion
 from fmus.words import nearest
-from orchestrator.crossing import crossing
+from orchestrator.crossing import Crossing, crossing
 from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.ssp import flattening, passage
@@ -23,6 +23,7 @@ from orchestrator.ssp.description import Description
 from orchestrator.ssp.flattening import FlatSystem, Hop, Node
 from orchestrator.ssp.passage import ValuePassage
 from orchestrator.ssp.reading import read
+from orchestrator.ssp.variables import contradiction
 
 LOG = logging.getLogger("servotwin.ssp")
 STEPS = 1000  # of a run where nothing tells how long one is
@@ -69,7 +70,7 @@ class _Importing:
         assignment = Assignment(self.flat, self.interfaces)
         assignment.gather((), self.description.system)
         self.values = assignment.values
-        self.notes += [*self.description.notes, *assignment.notes]
+        self.notes += [*self.description.notes, *assignment.notes, *self._contradictions()]
         self.parameters: dict[flattening.Path, RawMap] = {path: {} for path in self.fmus}
         self.stimuli: RawMap = {}
         connections = [line for node in self.flat.incoming if (line := self._connection(node))]
@@ -111,12 +112,17 @@ class _Importing:
             WiringError: there is none.
         """
         path, name = node
-        ports = self.interfaces[path].ports
-        found = ports.get(name) or next((p for key, p in ports.items() if key.startswith(f"{name}[")), None)
+        found = self._found(node)
         if found is None:
+            ports = self.interfaces[path].ports
             file = Path(self.flat.components[path].file).name
             raise WiringError(place, f"{file} of {'.'.join(path)} has no variable '{name}'", nearest(name, ports))
         return found
+
+    def _found(self, node: Node) -> Port | None:
+        path, name = node
+        ports = self.interfaces[path].ports
+        return ports.get(name) or next((p for key, p in ports.items() if key.startswith(f"{name}[")), None)
 
     def _connection(self, node: Node) -> str | None:
         """The line of the connection into a component's variable; a value that comes from outside becomes its own."""
@@ -135,6 +141,8 @@ class _Importing:
         source = self._port(origin, hops[0].place)
         began = passage.begin(source, self.flat.connector(origin), hops[0].units, hops[0].place)
         passed = passage.end(self._passed(began, hops, node, port), port, hops[-1].place)
+        own = source.measure.name, port.measure.name  # of which the wiring tells
+        self._tell([one for one in passed.doubts if (one.source, one.target) != own])
         conversion = passed.conversion
         if passed.table:
             conversion = passage.line_through(passed.table, source, port, hops[-1].place)
@@ -151,6 +159,18 @@ class _Importing:
             return crossing("", source.measure, port.measure).conversion
         except WiringError:
             return None
+
+    def _tell(self, doubts: Iterable[Crossing]) -> None:
+        self.notes += [text for one in doubts if (text := str(one)) not in self.notes]
+
+    def _contradictions(self) -> Iterator[str]:
+        """Where the file says something else of a component's variable than its FMU, which counts."""
+        for path, component in self.flat.components.items():
+            for connector in component.connectors.values():
+                port = self._found((path, connector.name))
+                said = contradiction(connector, port)
+                if said:
+                    yield f"{'.'.join((*path, connector.name))}: {said}"
 
     def _passed(self, passed: ValuePassage, hops: Sequence[Hop], node: Node, port: Port) -> ValuePassage:
         """What arrives at the connector of a component's variable."""
@@ -174,6 +194,7 @@ class _Importing:
             unit = passage.meaning(connector.unit, known)
         passed = assigned.passage().over(unit, how.by_unit, how.transformation, assigned.place)
         passed = passage.end(self._passed(passed, hops, node, port), port, assigned.place)
+        self._tell(passed.doubts)
         change = _changed(passed, assigned.place)
         given, shape = assigned.parameter.value, assigned.parameter.shape
         return _nested([change(one) for one in given], shape) if isinstance(given, tuple) else change(given)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from fmus import units
 from fmus.errors import WiringError
 from fmus.units import SAME, Conversion, Unit
-from orchestrator.crossing import NamedUnit, crossing
+from orchestrator.crossing import Crossing, NamedUnit, crossing
 from orchestrator.fmi.interface import Port
 from orchestrator.ssp.description import Connector, Entries, Transformation
 
@@ -24,11 +24,13 @@ class ValuePassage:
     Attributes:
         unit: that it has by now.
         table: through which it has gone, where it did.
+        doubts: how it was taken from one unit to another, where that is not sure.
     """
 
     unit: NamedUnit
     conversion: Conversion = SAME
     table: Entries = ()
+    doubts: tuple[Crossing, ...] = ()
 
     def to(self, unit: NamedUnit, place: str) -> ValuePassage:
         """In another unit.
@@ -38,7 +40,9 @@ class ValuePassage:
         """
         if not unit.name:
             return self
-        return replace(self._changed(crossing(place, self.unit, unit).conversion, place), unit=unit)
+        crossed = crossing(place, self.unit, unit)
+        doubts = (*self.doubts, crossed) if crossed.doubtful else self.doubts
+        return replace(self._changed(crossed.conversion, place), unit=unit, doubts=doubts)
 
     def over(
         self, unit: NamedUnit | None, by_unit: bool, transformation: Transformation | None, place: str

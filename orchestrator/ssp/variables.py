@@ -10,8 +10,10 @@ from fractions import Fraction
 
 from fmus.modelling.model import element
 from fmus.parameters.ssv import ArrayValue, Item, SetValue
+from fmus.words import with_article
 from orchestrator.fmi.clocks.declared import Clock
 from orchestrator.fmi.interface import Port, Value
+from orchestrator.ssp.description import Connector
 from orchestrator.ssp.names import Version
 
 Shape = tuple[int, ...]
@@ -50,6 +52,27 @@ def type_name(port: Port, version: Version) -> str:
     if port.real:
         return "Real"
     return port.type if port.type in ("Boolean", "String", "Binary") else "Integer"
+
+
+def contradiction(connector: Connector, port: Port | None) -> str:
+    """In what a connector is said to be something else than its variable is, which counts; nothing where it is not."""
+    if port is None:
+        return "is no variable of its FMU"
+    if connector.kind in ("input", "output", "parameter") and port.causality not in (
+        connector.kind,
+        "structuralParameter",
+    ):
+        return f"is said to be {with_article(connector.kind)}, and is {with_article(port.causality)} of its FMU"
+    if connector.type and _sort(connector.type) != _sort(port.type):
+        return f"is said to be {with_article(connector.type)}, and is {with_article(port.type)} of its FMU"
+    return ""
+
+
+def _sort(kind: str) -> str:
+    """What types of both versions have in common."""
+    if kind in ("Real", "Float32", "Float64"):
+        return "real"
+    return "whole" if kind in ("Integer", "Enumeration") or "Int" in kind else kind
 
 
 def clock_attributes(clock: Clock) -> dict[str, str]:

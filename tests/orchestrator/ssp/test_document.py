@@ -9,7 +9,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from fmus.errors import WiringError
+from fmus.errors import ScenarioError, WiringError
 from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.document import imported
 from tests.support.simulation.ssps import (
@@ -158,6 +158,52 @@ def test_a_name_that_matches_nothing_is_told(tmp_path: Path) -> None:
     assert [note for note in found.notes if "'a.kk' matches nothing" in note]
     assert [note for note in found.notes if "'c.k' matches nothing" in note]
     assert found.document["components"]["a"]["parameters"] == {"k": 4.0}
+
+
+def test_a_unit_that_is_not_known_is_told_where_it_is_taken_for_another(tmp_path: Path) -> None:
+    bound = bindings(values({"a.b": real(7, "blubb")}))
+    model = {"resources/gain.fmu": gain("V")}
+    found = imported(archive(tmp_path / "m.ssp", system([component("a")], before=bound), model))
+    assert found.document["components"]["a"]["parameters"] == {"b": 7.0}
+    assert [note for note in found.notes if note.endswith("a.b: blubb is taken for V as it is, by factor 1")]
+
+
+def test_a_unit_of_a_connector_that_is_not_known_is_told(tmp_path: Path) -> None:
+    inside = system([component("w")], [connection("in", "w.u")], "m", connectors(**{"in": "input"}))
+    inside = inside.replace('kind="input"><ssc:Real/>', 'kind="input"><ssc:Real unit="blubb"/>', 1)
+    model = {"resources/gain.fmu": gain("V")}
+    path = archive(tmp_path / "m.ssp", system([component("a"), inside], [connection("a.y", "m.in")]), model)
+    notes = imported(path).notes
+    assert [note for note in notes if "a.y -> m.in: V is taken for blubb as it is" in note]
+    assert [note for note in notes if "in -> w.u: blubb is taken for V as it is" in note]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('name="y" kind="output"', 'name="y" kind="input"', "a.y: is said to be an input, and is an output of its FMU"),
+        ('name="k" kind="parameter"', 'name="k" kind="input"', "a.k: is said to be an input, and is a parameter of"),
+        ('name="k"', 'name="other"', "a.other: is no variable of its FMU"),
+        ("<ssc:Real/>", "<ssc:Boolean/>", "a.u: is said to be a Boolean, and is a Real of its FMU"),
+    ],
+)
+def test_connectors_that_are_other_than_their_variables_are_told(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in component("a")
+    notes = imported(archive(tmp_path / "c.ssp", system([component("a").replace(old, new, 1)]))).notes
+    assert [note for note in notes if note.startswith(said)]
+    assert not [note for note in imported(archive(tmp_path / "d.ssp", system([component("a")]))).notes if "a." in note]
+
+
+def test_a_system_that_does_not_say_when_it_ends_needs_a_scenario(tmp_path: Path) -> None:
+    path = archive(tmp_path / "c.ssp", system([component("a")]))
+    text = ZipFile(path).read("SystemStructure.ssd").decode().replace(' stopTime="1"', "")
+    archive(path, text)
+    with pytest.raises(
+        ScenarioError, match=r"c\.ssp: has no default experiment with a stop time; .*`include: \[c\.ssp\]`"
+    ):
+        run_scenario(path)
+    (tmp_path / "c.yaml").write_text("title: c\ninclude: [c.ssp]\nrun: {stop: 1, step: 0.1}\n")
+    assert run_scenario(tmp_path / "c.yaml").cases[0].trace["a.y"][-1] == 2.0
 
 
 def test_values_are_converted_to_the_unit_of_their_variable(tmp_path: Path) -> None:
