@@ -71,6 +71,7 @@ class BusTraffic:
         self._gone_out = dict.fromkeys(coupling.sent, -math.inf)
         self._not_finite: set[SentSignal] = set()
         self._news, self._states, self._seen = news, ErrorStates(), (0.0, [0.0] * len(lines))
+        self._start = math.inf  # of the beginning, on the clock of `time.monotonic` [s]
         self._early: deque[tuple[float, int, can.Message]] = deque(maxlen=QUEUE)  # with when they came, and their bus
         self._skipped = 0
         self._stood_in = Counter[SentMessage]()  # safe values that went out since the last step, in place of its frames
@@ -91,6 +92,7 @@ class BusTraffic:
 
     def begin(self, start: float) -> None:
         """Take what has come until now as old as it is; the beginning is at `start` of that clock [s]."""
+        self._start = start
         self._states.add([frame for _, _, frame in self._early])
         for at, bus, frame in self._early:
             self._take(frame, bus, at - start)
@@ -129,7 +131,9 @@ class BusTraffic:
             self._leave_out(message, due - send)
             if send:
                 frame = message.frame(outputs, resting)
-                if frame is not None:
+                if frame is not None and self._held_up(now):
+                    self._skipped += 1
+                elif frame is not None:
                     self._give(message, frame, now)
         self._number = number
 
@@ -320,6 +324,10 @@ class BusTraffic:
     def _too_soon(self, message: SentMessage, now: float) -> bool:
         """Whether steps are being made up for, and its latest frame is not half a period old."""
         return bool(self._late) and now - self._gone_out[message] < 0.5 * self._period(message)
+
+    def _held_up(self, now: float) -> bool:
+        """Whether this process has stood still since it was `now` [s]: what it was about to send is old."""
+        return time.monotonic() - self._start - now > self._rules.most_late
 
     def _line(self, message: SentMessage) -> SendingLine:
         return self._lines[message.place.number]

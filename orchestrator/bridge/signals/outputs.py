@@ -66,7 +66,7 @@ class SentMessage:
         self.place, self.spec, self.signals, self.every = place, spec, tuple(signals), every
         self._statistics = statistics
         self._encoder = SingleEncoder(spec, statistics, switched)
-        self._last: dict[SentSignal, float] = {}
+        self._last = {signal: signal.safe for signal in signals if signal.safe is not None}  # where its machine rests
         self._names = [signal.spec.name for signal in signals]
         self.pages = pages(spec, self._names)
         self._turns = cycle(self.pages)

@@ -81,10 +81,10 @@ def test_frames_from_before_the_beginning_are_as_old_as_they_are(rig: Database) 
     silence, lead = cast(float, BLOCK["silence"]), 0.02
     for age, driven in ((silence - lead, True), (silence + 2 * STEP, False)):
         bus, said = ScriptedBus(), list[str]()
-        traffic = on(bus, rig, said)
+        traffic, begun = on(bus, rig, said, most_late=1e4), time.monotonic()
         bus.waiting.append(frame(COMMAND, struct.pack("<hH", 7000, 0)))
-        traffic.listen(500.0)
-        traffic.begin(500.0 + age)
+        traffic.listen(begun - age)
+        traffic.begin(begun)
         traffic.receive(0.0)
         traffic.send(0, [0.25], 0.0, 0.0)
         assert traffic.inputs[-2] == pytest.approx(7.0 * driven)
@@ -142,6 +142,16 @@ def test_late_steps_are_no_burst_of_old_commands_and_go_on_after_good_ones(rig: 
     run(traffic, bus, 1000, 1100)
     assert torques(bus)[-1] == pytest.approx(0.25)
     assert said[-1] == "t = 1.020 s: torque is sent again"
+
+
+def test_what_was_about_to_be_sent_when_the_process_was_stopped_is_not_sent_afterwards(rig: Database) -> None:
+    bus = ScriptedBus()
+    traffic = on(bus, rig, [], most_late=30)
+    for number, stood_still in ((0, 0.0), (10, 31.0), (20, 0.0)):
+        traffic.begin(time.monotonic() - number * STEP - stood_still)
+        run(traffic, bus, number, number + 1)
+    assert [message.data[2] & 15 for message in bus.identified(GUARDED)] == [1, 3]
+    assert traffic.report(0.02).skipped == 1
 
 
 def test_a_latched_output_stays_at_rest(rig: Database) -> None:

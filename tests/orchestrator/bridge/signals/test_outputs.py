@@ -183,6 +183,13 @@ def test_magnitude_and_rate_of_what_is_sent_are_limited_and_counted(rig: Databas
     assert coupling.sent_statistics.limited == {"torque": 3}
 
 
+def test_the_first_value_is_as_far_from_the_safe_one_as_the_rate_allows(rig: Database) -> None:
+    limit = {"rate": 100}
+    coupling = couple(rig, send={"torque": {"source": "rig.torque", "safe": -1, "limit": limit}})
+    (message,) = coupling.sent
+    assert [struct.unpack_from("<h", sent(message, [9.0]))[0] for _ in range(3)] == [0, 1000, 2000]
+
+
 def test_values_outside_their_range_are_limited_or_refused_as_declared(rig: Database) -> None:
     limited = couple(rig, receive={"rig.voltage": SAFE})
     assert received(limited, (257, struct.pack("<hH", 29000, 0)))[INPUTS.index("rig.voltage")] == 24.0
