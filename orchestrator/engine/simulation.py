@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 from time import perf_counter
 from types import TracebackType
 from typing import NamedTuple
 
+import numpy as np
+
 from fmus.errors import FmuEnded, FmuError, WiringError
+from fmus.words import listed
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.given import GivenValues
@@ -30,7 +35,10 @@ from orchestrator.processes.interrupts import requested
 from orchestrator.rational import clock, multiples, written
 from orchestrator.settable import settable
 from orchestrator.system import Endpoint, System
-from orchestrator.trace import FloatArray
+from orchestrator.trace import FloatArray, Trace
+
+LOG = logging.getLogger("servotwin.engine")
+_WIDE, _EXACT = ("Int64", "UInt64"), 2.0**53
 
 
 class _Done(NamedTuple):
@@ -77,6 +85,7 @@ class Simulation:
         self._fresh = True
         self._counts: dict[tuple[int, int], int] = {}
         self._carried = NOTHING  # of the latest run that carried tangents
+        self._rounded: dict[str, None] = {}  # what is, of the record of this run
 
     def instants(self) -> FloatArray:
         """(K,) the communication instants, at which stimuli are wanted and rows recorded [s]."""
@@ -180,6 +189,8 @@ class Simulation:
         prepared, count = self._preparation.loop(run.record, (), every, along), steps // run.record_every + 1
         if sink is None:
             require_room(count, len(prepared.columns.places))
+        else:
+            sink = self._noting(sink)
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(steps * every)
@@ -225,8 +236,8 @@ class Simulation:
         engine, reason = prepared.steppers.chosen(FARTHEST)
         initialise(self.components, self.timing, engine, loop, own, None)
         changing.begin()
-        every, slots = self._every * run.record_every, prepared.slots
-        recorder = Recorder(prepared.columns, loop.time, every, ROWS, lambda piece: sink(changing.beside(piece)))
+        every, slots, noting = self._every * run.record_every, prepared.slots, self._noting(sink)
+        recorder = Recorder(prepared.columns, loop.time, every, ROWS, lambda piece: noting(changing.beside(piece)))
 
         def conclude(spent: float) -> Result:
             self._terminate()
@@ -284,6 +295,7 @@ class Simulation:
     def _reset(self) -> None:
         """Have the components where a run begins; what is prepared is void where one was loaded anew."""
         fresh, self._fresh = self._fresh, False
+        self._rounded = {}
         moved = [component.reset() for component in self.components.values() if not fresh]
         if any(moved):
             self._preparation.clear()
@@ -292,10 +304,34 @@ class Simulation:
         for component in self.components.values():
             component.terminate()
 
+    def _noting(self, sink: Sink) -> Sink:
+        """What passes pieces of the record on, once it was noted what of them is rounded."""
+
+        def pass_on(piece: Trace) -> None:
+            self._note_rounded(piece)
+            sink(piece)
+
+        return pass_on
+
+    def _note_rounded(self, trace: Trace) -> None:
+        """Take note of whole numbers that doubles do not hold."""
+        wide = [name for name in trace.names if name in self._wide and name not in self._rounded]
+        self._rounded |= dict.fromkeys(name for name in wide if bool(np.any(np.abs(trace[name]) >= _EXACT)))
+
+    @cached_property
+    def _wide(self) -> frozenset[str]:
+        """Variables whose numbers may be beyond what doubles hold."""
+        parts = self.system.parts.items()
+        return frozenset(f"{n}.{p.name}" for n, one in parts for p in one.interface.ports.values() if p.type in _WIDE)
+
     def _result(self, done: _Done) -> Result:
         loop, reason = done.loop, done.reason
+        trace = done.recorder.trace()
+        self._note_rounded(trace)
+        if self._rounded:
+            LOG.warning("%s: whole numbers beyond 2^53 are rounded, as doubles are", listed([*self._rounded]))
         return Result(
-            done.recorder.trace(),
+            trace,
             {node.component.name: node.statistics for node in loop.nodes},
             {name: getattr(component, "warnings", 0) for name, component in self.components.items()},
             loop.iterations,

@@ -12,6 +12,7 @@ import pytest
 from fmpy import simulate_fmu
 
 from fmus.errors import ServotwinError
+from orchestrator.assembly.assembly import open_system
 from orchestrator.engine import Engine, Simulation, Timing, compiled
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
@@ -232,3 +233,19 @@ def test_info_shows_elements_and_sizes(path: Path, tmp_path: Path) -> None:
     document: Any = about(path)
     assert [entry["name"] for entry in document["inputs"][:2]] == ["u[1]", "u[2]"]
     assert {"name": "m", "start": "2", "unit": "", "description": ""} in document["structural parameters"]
+
+
+@pytest.mark.parametrize("streamed", [False, True])
+def test_whole_numbers_that_doubles_round_are_told(
+    path: Path, caplog: pytest.LogCaptureFixture, streamed: bool
+) -> None:
+    said = "c.out_UInt64[2], c.out_Int64[1]: whole numbers beyond 2^53 are rounded, as doubles are"
+    record = ["c.out_UInt64[1]", "c.out_UInt64[2]", "c.out_Int64[1]", "c.out_Int32[1]", "c.y[1]"]
+    pieces: list[Trace] = []
+    timing = Timing(Fraction(1), Fraction(1, 4))
+    with open_system({"c": path}) as opened, opened.simulation(timing) as simulation:
+        for small in (False, True):
+            values = {"c.p_UInt64[2]": 5 if small else (1 << 53) + 1, "c.p_Int64[1]": 5 if small else -(1 << 60)}
+            caplog.clear()
+            simulation.run(values, record=record, sink=pieces.append if streamed else None)
+            assert (said in caplog.text) == (not small)
