@@ -23,12 +23,13 @@ class Below(Condition):
 
     takes_nonfinite: ClassVar[bool] = True
     limit: Number
+    unit: str = ""
 
     def __str__(self) -> str:
-        return f"stays below {shown(self.limit)}"
+        return f"stays below {shown(self.limit, self.unit)}"
 
     def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
-        return replace(self, limit=port.number(place, self.limit))
+        return replace(self, limit=port.number(place, self.limit), unit=port.unit or "")
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         largest, limit = float(values.max()), float(self.limit)
@@ -44,12 +45,13 @@ class Above(Condition):
 
     takes_nonfinite: ClassVar[bool] = True
     limit: Number
+    unit: str = ""
 
     def __str__(self) -> str:
-        return f"stays above {shown(self.limit)}"
+        return f"stays above {shown(self.limit, self.unit)}"
 
     def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
-        return replace(self, limit=port.number(place, self.limit))
+        return replace(self, limit=port.number(place, self.limit), unit=port.unit or "")
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         smallest, limit = float(values.min()), float(self.limit)
@@ -66,13 +68,14 @@ class Near(Condition):
     takes_nonfinite: ClassVar[bool] = True
     target: Number
     within: Number
+    unit: str = ""
 
     def __str__(self) -> str:
-        return f"is {shown(self.target)} within {shown(self.within)}"
+        return f"is {shown(self.target, self.unit)} within {shown(self.within, self.unit)}"
 
     def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         within = port.quantity(place, self.within, difference=True) if isinstance(self.within, str) else self.within
-        return replace(self, target=port.number(place, self.target), within=within)
+        return replace(self, target=port.number(place, self.target), within=within, unit=port.unit or "")
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         return within(values, float(self.target), float(self.within))

@@ -201,13 +201,14 @@ class Follows(Tubed):
 
     takes_nonfinite: ClassVar[bool] = True
     within: Number
+    unit: str = ""
 
     def __str__(self) -> str:
-        return f"follows {self.reference.name} within {shown(self.within)}"
+        return f"follows {self.reference.name} within {shown(self.within, self.unit)}"
 
     def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         width = port.quantity(place, self.within, difference=True) if isinstance(self.within, str) else self.within
-        return replace(super().brought(place, port, wiring), within=width)
+        return replace(super().brought(place, port, wiring), within=width, unit=port.unit or "")
 
     def compared(self, time: FloatArray, values: FloatArray, hold: bool) -> Judgement:
         target = self.reference.at(time, hold)

@@ -284,7 +284,7 @@ def test_references_whose_scenario_is_gone_are_told_and_other_folders_are_not(sw
 def test_expectations_that_the_run_does_not_meet_are_told_when_it_is_accepted(swing: Path) -> None:
     edit(swing, "cases:", "  - {signal: hand.angle, below: 0.5}\ncases:")
     (doubt,) = accept(swing)["doubts"]
-    assert "case high: hand.angle stays below 0.5 does not hold (largest 1 rad)" in doubt
+    assert "case high: hand.angle stays below 0.5 rad does not hold (largest 1 rad)" in doubt
 
 
 def test_a_reference_that_is_too_large_is_refused(swing: Path, monkeypatch: pytest.MonkeyPatch) -> None:

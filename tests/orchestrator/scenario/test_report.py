@@ -59,7 +59,7 @@ def test_each_expectation_has_its_verdict_its_figure_and_its_margin(tmp_path: Pa
     [checks] = [piece for piece in contents(report(result), "Expectations") if isinstance(piece, Checks)]
     largest = float(result.cases[0].trace.between(0.5, 1)["hand.angle"].max())
     first, second, third = checks.rows
-    assert (first.kind, first.asked) == ("ok", "hand.angle stays below 2.5 after 0.5 s")
+    assert (first.kind, first.asked) == ("ok", "hand.angle stays below 2.5 rad after 0.5 s")
     assert first.found == f"largest {largest:.6g} rad"
     assert first.margin == f"{float(f'{2.5 - largest:.3g}'):.5g} rad".replace("-", "−")
     assert second.kind == "ok" and str(second.margin).endswith(" rad/s")

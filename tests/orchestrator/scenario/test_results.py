@@ -66,7 +66,11 @@ def test_the_manifest_says_what_went_in_and_how_it_went(tmp_path: Path) -> None:
     (case,) = document["cases"]
     assert case["trace"] == "run.parquet" and (tmp_path / "out" / case["trace"]).is_file()
     (check,) = case["checks"]
-    assert (check["text"], check["held"], check["found"]) == ("hand.angle stays below 0.4", False, "largest 0.5 rad")
+    assert (check["text"], check["held"], check["found"]) == (
+        "hand.angle stays below 0.4 rad",
+        False,
+        "largest 0.5 rad",
+    )
     assert (check["figure"], check["unit"], check["margin"]) == (0.5, "rad", pytest.approx(-0.1))
     assert case["statistics"]["hand"]["calls"] == 20 and case["statistics"]["hand"]["seconds"] > 0
     assert "servotwin" in document["versions"] and document["fmus"] == {"hand": "model"}
@@ -181,8 +185,8 @@ def test_every_check_and_every_case_without_one_has_a_row(tmp_path: Path) -> Non
     expect = [{"signal": "hand.angle", "below": 1}, {"signal": "hand.angle", "above": 0.49}]
     result = run(tmp_path, cases=[{"name": "a", "expect": expect}, {"name": "b"}])
     assert [row[:3] for row in result.rows()] == [
-        ("a", "hand.angle stays below 1", "yes"),
-        ("a", "hand.angle stays above 0.49", "NO"),
+        ("a", "hand.angle stays below 1 rad", "yes"),
+        ("a", "hand.angle stays above 0.49 rad", "NO"),
         ("b", "-", "-"),
     ]
 

@@ -76,9 +76,9 @@ def test_references_and_numbers_are_compared_in_the_unit_of_the_signal(tmp_path:
     above = "{signal: hand.angle, above: 30 deg}"
     texts = [check.text for check in run(tmp_path, expect=", ".join((follows, near, above))).cases[0].checks]
     assert texts == [
-        "hand.angle follows angle of recorded.csv within 1.0472",
-        "hand.angle is 1.5708 within 1.0472",
-        "hand.angle stays above 0.523599",
+        "hand.angle follows angle of recorded.csv within 1.0472 rad",
+        "hand.angle is 1.5708 rad within 1.0472 rad",
+        "hand.angle stays above 0.523599 rad",
     ]
 
 

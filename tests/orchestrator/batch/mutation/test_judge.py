@@ -92,7 +92,7 @@ def test_each_case_has_its_own_value_changed_and_one_that_sees_it_is_enough(tmp_
         if "start" in case["name"] and "angle" in case["name"]
     ]
     assert outcome_of(found) == MutationOutcome.SEEN
-    assert found["checks"][0]["found"].startswith("0.8 -> 0.808: high: hand.angle stays below 0.8001, found")
+    assert found["checks"][0]["found"].startswith("0.8 -> 0.808: high: hand.angle stays below 0.8001 rad, found")
 
 
 @pytest.mark.slow

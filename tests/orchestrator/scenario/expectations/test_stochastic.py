@@ -64,7 +64,7 @@ def test_a_bound_holds_of_a_share_of_the_runs() -> None:
     failed = judged({**fields, "share": "91 %"}, Path())
     assert not failed.held and failed.figure == pytest.approx(46 / 51)
     assert "held in 46 of 51 runs, so in 78.6 to 96.7 % of all such" in failed.found
-    assert failed.text == f"y stays below {limit:g} in 91 % of 51 runs with other noise"
+    assert failed.text == f"y stays below {limit:g} V in 91 % of 51 runs with other noise"
 
 
 def test_draws_are_asked_for_by_signal_and_by_what_varies(tmp_path: Path) -> None:

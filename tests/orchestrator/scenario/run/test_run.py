@@ -104,7 +104,7 @@ cases:
     assert [case.passed for case in result.cases] == [True, False]
     assert not result.passed
     check = result.cases[1].checks[1]
-    assert (check.text, check.held, check.found) == ("hand.angle stays below 0.1", False, "largest 0.5 rad")
+    assert (check.text, check.held, check.found) == ("hand.angle stays below 0.1 rad", False, "largest 0.5 rad")
 
 
 def test_what_is_recorded_is_what_was_asked_for_and_what_is_looked_at(tmp_path: Path) -> None:
@@ -247,7 +247,7 @@ def test_the_built_fmus_can_be_kept(tmp_path: Path) -> None:
 def test_a_notebook_shows_the_checks_of_a_run(tmp_path: Path) -> None:
     result = run(tmp_path, FALLING + "expect: [{signal: hand.angle, below: 1}]\ncases: [{name: <a>}]")
     html = result._repr_html_()
-    assert "A pendulum falls" in html and "<td>&lt;a&gt;</td><td>hand.angle stays below 1</td><td>yes</td>" in html
+    assert "A pendulum falls" in html and "<td>&lt;a&gt;</td><td>hand.angle stays below 1 rad</td><td>yes</td>" in html
 
 
 def test_a_case_without_a_trace_says_why(tmp_path: Path) -> None:
