@@ -10,6 +10,7 @@ from ruamel.yaml import YAML
 
 from identification.calibrate import calibrate_study
 from identification.output_error import calibration
+from identification.results import covariance_in, read_summary
 from orchestrator.scenario.results import write_run
 from orchestrator.scenario.run import run_scenario
 
@@ -19,9 +20,8 @@ CASES = ("C_dat10", "C_dat11", "C_dat12")
 
 @pytest.fixture
 def records(tmp_path: Path) -> Path:
-    """Folder with the first 9 s of the closed-loop experiments that the study takes."""
+    """Folder with the closed-loop experiments that the study takes."""
     scenario = YAML(typ="safe").load(SCENARIOS / "closed_loop.yaml")
-    scenario["run"]["stop"] = 9
     scenario["cases"] = [case for case in scenario["cases"] if case["name"] in CASES]
     shutil.copytree(SCENARIOS / "parts", tmp_path / "parts")
     YAML().dump(scenario, tmp_path / "short.yaml")
@@ -30,7 +30,7 @@ def records(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_hub_stiffness_payload_friction_and_drive_lie_inside_narrow_intervals(
+def test_hub_stiffness_payload_friction_and_drive_lie_inside_narrow_intervals_as_sweeps_draw_them(
     records: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(calibration, "processors", lambda: 1)
@@ -42,3 +42,9 @@ def test_hub_stiffness_payload_friction_and_drive_lie_inside_narrow_intervals(
         assert high - low < 0.03 * entry["truth"], name
         assert abs(entry["start"] / entry["truth"] - 1) > 0.2, name
     assert document["fit"]["validation"]["median"] > 0.9
+    kept = read_summary(SCENARIOS / "calibrated" / "arm")
+    for name, entry in kept["parameters"].items():
+        assert entry["value"] == pytest.approx(document["parameters"][name]["value"], rel=1e-4), name
+    found, covariance = covariance_in(tmp_path / "out"), covariance_in(SCENARIOS / "calibrated" / "arm")
+    assert found is not None and covariance is not None and found[0] == covariance[0]
+    assert covariance[1] == pytest.approx(found[1], rel=0.02)
