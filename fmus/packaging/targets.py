@@ -24,6 +24,7 @@ from fmus.packaging.native import compiler, sources
 from fmus.packaging.native.network import Network
 from fmus.packaging.python import runtime
 from fmus.packaging.system.fused import FusedPart, FusedSystem
+from fmus.packaging.system.nested import require_libraries
 
 LOG = logging.getLogger("servotwin.build")
 NAMES = ("native", "python")
@@ -83,9 +84,10 @@ def build_system(system: FusedSystem, path: str | Path, *, fmi: int = 2, platfor
     Raises:
         InputError: the path cannot be written.
         ModelError: that version of FMI or platform is not offered, a part's values do not fit its model, a model that
-            cannot be turned into C, no compiler, or one that failed.
+            cannot be turned into C, an FMU without a library for a platform, no compiler, or one that failed.
     """
     _offered("native", fmi, platforms)
+    require_libraries(system.nested, compiler.find(platforms))
     return _built(_SystemOrder(system, fmi, tuple(platforms)), Path(path))
 
 
@@ -162,7 +164,8 @@ class _SystemOrder:
 
     def key(self) -> str | None:
         system = self.system
-        parts = [(name, part.model, _starts_of(part), part.every, part.instant) for name, part in system.parts.items()]
+        made = [(name, part.model, _starts_of(part), part.every, part.instant) for name, part in system.models.items()]
+        parts = [[*system.parts], made, system.nested]
         wires = [(wire.source, wire.target, wire.factor, wire.offset) for wire in system.wires]
         times = [str(time) for time in (system.base, system.start, system.stop, system.step)]
         shown = (system.name, system.description, system.outputs, system.parameters, system.finite)

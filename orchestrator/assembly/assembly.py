@@ -275,6 +275,11 @@ class OpenSystem:
             LOG.warning("%s; the run ends there", result.ended)
         return result
 
+    @property
+    def files(self) -> Mapping[str, FmuFile]:
+        """Component -> its FMU."""
+        return self._files
+
     def _wire(self) -> System:
         components = self.assembled.system.components
         parts = {

@@ -117,7 +117,7 @@ def _of_system(
         move(0.5, fused.system.name)
         file = build(fused, out, fmi, platforms)
     system = fused.system
-    rows = [(name, part.model.name, f"{float(part.every * system.base):.9g}") for name, part in system.parts.items()]
+    rows = [(name, part.title, f"{float(part.every * system.base):.9g}") for name, part in system.parts.items()]
     document = {
         "fmus": {system.name: str(file)},
         "target": "native",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -11,16 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from fmus.errors import InputError, WiringError
-from fmus.modelling.model import Number, element
+from fmus.modelling.model import element
 from fmus.packaging import targets
 from fmus.packaging.native import compiler
-from fmus.packaging.system.fused import FusedPart, FusedSystem, Wire
+from fmus.packaging.system.fused import FusedPart, FusedSystem, SystemPart, Wire
 from fmus.words import nearest
-from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, assemble, model_of
+from orchestrator.assembly.assembly import OpenSystem, assemble, model_of
 from orchestrator.engine.plan import Order, Plan, make_plan
+from orchestrator.fmi.file import FmuFile, FmuKind
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import scratch
 from orchestrator.rational import clock
+from orchestrator.scenario.nesting import Role, check_links, nested, remarks
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.settable import check_values, typed
@@ -56,18 +58,26 @@ def fuse(file: Path, expose: Sequence[str] = ()) -> Fused:
         given = opened.assembled.system.values()
         check_values(system, given)
         plan = make_plan(system, scenario.timing.step, scenario.timing.order, scenario.timing.cycles)
+        check_links(file, system)
         _refuse_circles(file, system, plan)
-        fused = _fused(file, scenario, system, plan, _starts(scenario, system, given), expose)
-        return Fused(fused, _notes(scenario, system, fused.outputs))
+        parts = _parts(file, scenario, opened, plan, _starts(scenario, system, given))
+        fused = _fused(file, scenario, system, plan, parts, expose)
+        said = (line for name, part in fused.nested.items() for line in remarks(name, opened.files[name], part))
+        return Fused(fused, (*_notes(scenario, system, fused.outputs), *said))
 
 
 def build(fused: Fused, folder: Path, fmi: int = 2, platforms: Sequence[str] = ("host",)) -> Path:
     """Write the FMU of a system into a folder, under the system's name; its path comes back.
 
     Raises:
-        InputError: FMI or a platform is not offered, a model cannot be turned into C, or the path cannot be written.
+        InputError: FMI or a platform is not offered, a model cannot be turned into C, an FMU has no library for a
+            platform, or the path cannot be written.
     """
-    return targets.build_system(fused.system, folder / f"{fused.system.name}.fmu", fmi=fmi, platforms=platforms)
+    path = folder / f"{fused.system.name}.fmu"
+    for part in fused.system.nested.values():
+        if path.exists() and Path(part.place).exists() and path.samefile(part.place):
+            raise InputError(path, "would be replaced, and is a part of the system", "give another folder with --out")
+    return targets.build_system(fused.system, path, fmi=fmi, platforms=platforms)
 
 
 def _refuse(file: Path, scenario: Scenario) -> None:
@@ -86,10 +96,8 @@ def _refuse(file: Path, scenario: Scenario) -> None:
         raise InputError(f"{file}: run.order", problem, f"leave it out, or {_INSTEAD}")
     for name, component in scenario.system.components.items():
         place = f"{file}: components.{name}"
-        if component.fmu is not None:
-            raise InputError(place, f"{component.fmu.name} is an FMU, and only models can be fused", _INSTEAD)
         if component.solver is not None:
-            raise InputError(f"{place}.solver", "solvers cannot be fused", f"remove it, or {_INSTEAD}")
+            raise InputError(f"{place}.solver", "solvers cannot be inside an FMU", f"remove it, or {_INSTEAD}")
 
 
 def _refuse_circles(file: Path, system: System, plan: Plan) -> None:
@@ -104,27 +112,30 @@ def _refuse_circles(file: Path, system: System, plan: Plan) -> None:
             )
 
 
-def _starts(scenario: Scenario, system: System, given: Mapping[str, Value]) -> dict[str, Number]:
+def _starts(scenario: Scenario, system: System, given: Mapping[str, Value]) -> dict[str, Value]:
     """component.variable -> value in its type: those of the components, and what stimuli begin with."""
-    starts = {name: value for name, value in typed(system, given).items() if not isinstance(value, str)}
+    starts = typed(system, given)
     begin = np.array([float(scenario.timing.start)])
     for name, stimulus in scenario.stimuli.items():
         port = system.port(Endpoint.parse(name))
         brought, _ = stimulus.brought(name, port)
         first = float(brought.values(begin, name)[0])
-        value = port.typed(name, first if port.real else round(first))
-        starts |= {} if isinstance(value, str) else {name: value}
+        starts[name] = port.typed(name, first if port.real else round(first))
     return starts
 
 
 def _fused(
-    file: Path, scenario: Scenario, system: System, plan: Plan, values: Mapping[str, Number], expose: Sequence[str]
+    file: Path,
+    scenario: Scenario,
+    system: System,
+    plan: Plan,
+    parts: Mapping[str, SystemPart],
+    expose: Sequence[str],
 ) -> FusedSystem:
-    timing, components = scenario.timing, scenario.system.components
+    timing = scenario.timing
     ticks = clock(timing.start, plan.tick)
     if not ticks.exact(int((timing.stop - timing.start) / plan.tick) + 1):
         raise InputError(f"{file}: run", "its times are too fine to be counted in C", "give steps of fewer digits")
-    parts = {name: _part(name, components[name], plan, values) for group in plan.groups for name in group}
     wires = (Wire(str(link.source), str(link.target), link.factor, link.offset) for link in system.connections)
     return FusedSystem(
         name=_identifier(file.stem),
@@ -141,11 +152,48 @@ def _fused(
     )
 
 
-def _part(name: str, component: ComponentSpec, plan: Plan, values: Mapping[str, Number]) -> FusedPart:
+def _parts(
+    file: Path, scenario: Scenario, opened: OpenSystem, plan: Plan, values: Mapping[str, Value]
+) -> dict[str, SystemPart]:
+    """Component -> the part that it becomes, in stepping order."""
+    links = opened.system.connections
+    connected = {str(end) for link in links for end in (link.source, link.target)} | {*scenario.driven}
+    recorded = frozenset(scenario.recorded(tuple(_outputs(opened.system))))
+    found: dict[str, SystemPart] = {}
+    for name in (name for group in plan.groups for name in group):
+        component, own = scenario.system.components[name], _own(name, values)
+        every, instant = plan.every[name], bool(plan.instant[name])
+        if component.fmu is None:
+            numbers = {key: value for key, value in own.items() if not isinstance(value, str)}
+            tables = {table.name: table for table in component.tables}
+            found[name] = FusedPart(model_of(component), numbers, tables, every, instant)
+        else:
+            place = f"{file}: components.{name}"
+            _refuse_exchange(place, opened.files[name])
+            role = Role(place, own, _names(name, connected), _names(name, recorded), every, instant)
+            found[name] = nested(opened.files[name], role)
+    return found
+
+
+def _own(name: str, values: Mapping[str, Value]) -> dict[str, Value]:
+    """Variable -> value, of one component."""
     start = f"{name}."
-    own = {key.removeprefix(start): value for key, value in values.items() if key.startswith(start)}
-    tables = {table.name: table for table in component.tables}
-    return FusedPart(model_of(component), own, tables, plan.every[name], bool(plan.instant[name]))
+    return {key.removeprefix(start): value for key, value in values.items() if key.startswith(start)}
+
+
+def _names(name: str, variables: Iterable[str]) -> frozenset[str]:
+    """Those of the variables that are a component's, by their names there."""
+    return frozenset(_own(name, dict.fromkeys(variables, 0)))
+
+
+def _outputs(system: System) -> Iterator[str]:
+    for name, part in system.parts.items():
+        yield from (f"{name}.{port.name}" for port in part.interface.of("output"))
+
+
+def _refuse_exchange(place: str, fmu: FmuFile) -> None:
+    if fmu.kind is not FmuKind.CO_SIMULATION:
+        raise InputError(place, f"{fmu.path.name} offers {fmu.kind} alone, and solvers cannot be inside", _INSTEAD)
 
 
 def _identifier(stem: str) -> str:
@@ -154,22 +202,22 @@ def _identifier(stem: str) -> str:
     return plain if re.match("[A-Za-z]", plain) else f"system_{plain}"
 
 
-def _shown(scenario: Scenario, system: System, parts: Mapping[str, FusedPart]) -> tuple[str, ...]:
+def _shown(scenario: Scenario, system: System, parts: Mapping[str, SystemPart]) -> tuple[str, ...]:
     """Outputs that are connected or recorded, and states that are recorded."""
-    outputs = [f"{name}.{variable.name}" for name, part in parts.items() for variable in part.model.of("output")]
-    states = [f"{name}.{state.name}" for name, part in parts.items() for state in part.model.states]
+    outputs = [f"{name}.{output}" for name, part in parts.items() for output in part.outputs]
+    states = [f"{name}.{state}" for name, part in parts.items() for state in part.states]
     recorded = scenario.recorded(tuple(outputs))
     wanted = {*recorded, *(str(link.source) for link in system.connections)}
     return tuple(name for name in dict.fromkeys([*outputs, *states]) if name in wanted)
 
 
-def _exposed(parts: Mapping[str, FusedPart], expose: Sequence[str]) -> tuple[str, ...]:
+def _exposed(parts: Mapping[str, SystemPart], expose: Sequence[str]) -> tuple[str, ...]:
     """The parameters that are shown, arrays whole.
 
     Raises:
         WiringError: a name or pattern matches none.
     """
-    known = [f"{name}.{variable.name}" for name, part in parts.items() for variable in part.model.of("parameter")]
+    known = [f"{name}.{parameter}" for name, part in parts.items() for parameter in part.parameters]
     if not expose:
         return tuple(known)
     whole = {name: (element(name) or (name,))[0] for name in known}  # of an element its array

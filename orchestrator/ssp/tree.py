@@ -1,10 +1,10 @@
 """What is inside of what, to any depth: the FMUs of an SSP, those in a container FMU, packed or unpacked, and the
-models of a system that was made one FMU."""
+models and FMUs of a system that was made one FMU."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NotRequired, TypedDict
@@ -76,23 +76,40 @@ def _archive(path: Path, place: str, called: str, level: int) -> Inside:
         files = archive.read(path)
     except FmuFileError as error:
         raise FmuFileError(called, error.problem, error.fix) from error
+    return _contents(files, place, called, level)
+
+
+def _contents(files: Mapping[str, bytes], place: str, called: str, level: int) -> Inside:
+    """What these files of an archive are; see `_archive`."""
+    if level > DEEPEST:
+        raise FmuFileError(called, f"is nested more than {DEEPEST} archives deep", "do not trust it")
     model, version = _described(files[_DESCRIPTION], called) if _DESCRIPTION in files else ("", "")
-    fused = manifest.read(f"{called}: {manifest.NAME}", files[manifest.NAME]) if manifest.NAME in files else None
-    within = [*_within(files, called, level), *(() if fused is None else _fused(fused))]
-    return Inside(place, model, version, tuple(within), "" if fused is None else f"base step {fused.base_step:.9g} s")
+    if manifest.NAME not in files:
+        return Inside(place, model, version, tuple(_within(files, called, level)))
+    system = manifest.read(f"{called}: {manifest.NAME}", files[manifest.NAME])
+    folders = tuple({part.folder for part in system.parts if part.folder})
+    beside = {name: content for name, content in files.items() if not name.startswith(folders)}
+    within = (*_within(beside, called, level), *_parts(system, files, called, level))
+    return Inside(place, model, version, within, f"base step {system.base_step:.9g} s")
 
 
-def _fused(system: manifest.SystemManifest) -> Iterator[Inside]:
+def _parts(system: manifest.SystemManifest, files: Mapping[str, bytes], called: str, level: int) -> Iterator[Inside]:
     """The parts of a system in one FMU, in the order in which they are stepped, and its wires."""
     for part in system.parts:
-        yield Inside(part.name, part.model, "", (), f"every {part.step:.9g} s, outputs hold {part.outputs_hold}")
+        note = f"every {part.step:.9g} s, outputs hold {part.outputs_hold}"
+        if part.folder:
+            own = {name.removeprefix(part.folder): text for name, text in files.items() if name.startswith(part.folder)}
+            fmu = _contents(own, part.name, f"{called}: {part.folder}", level + 1)
+            yield replace(fmu, note=f"{note}{fmu.note and f', {fmu.note}'}")
+        else:
+            yield Inside(part.name, part.model, "", (), note)
     for wire in system.wires:
         scaled = (wire.factor, wire.offset) != (1.0, 0.0)
         note = f"{wire.factor:.9g} * value + {wire.offset:.9g}" if scaled else ""
         yield Inside(f"{wire.source} -> {wire.target}", "", "", (), note)
 
 
-def _within(files: dict[str, bytes], called: str, level: int) -> Iterator[Inside]:
+def _within(files: Mapping[str, bytes], called: str, level: int) -> Iterator[Inside]:
     """What lies in an archive; of an unpacked FMU what lies in its folder belongs to it."""
     for name in sorted(files):
         here = f"{called}: {name}"

@@ -132,7 +132,7 @@ def _rows(interface: DescribedInterface) -> Iterator[list[str]]:
     """One row a variable; an array has one row, with its size as default."""
     for variable in interface.variables:
         name, place = element(variable.name) or ("", ())
-        if not name:
+        if name not in interface.arrays:
             yield _row(variable)
         elif set(place) == {1}:
             size = " x ".join(map(str, interface.arrays[name]))

@@ -271,8 +271,9 @@ def _grouped(interface: DescribedInterface) -> Iterator[tuple[Exposed, str | Non
     """The scalar variables, and of each array its first element with the array's name."""
     for variable in interface.variables:
         found = element(variable.name)
-        if found is None or set(found[1]) == {1}:
-            yield variable, found and found[0]
+        array = found[0] if found is not None and found[0] in interface.arrays else None
+        if found is None or array is None or set(found[1]) == {1}:
+            yield variable, array
 
 
 def _array(parent: ET.Element, interface: DescribedInterface, name: str, of_first: Mapping[str, str]) -> None:

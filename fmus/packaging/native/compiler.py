@@ -197,8 +197,8 @@ def position(target: Platform) -> list[str]:
 
 
 def libraries(target: Platform) -> list[str]:
-    """Flags for the libraries that every model needs."""
-    return ["-lm"] if target.suffix == ".so" else []
+    """Flags for the libraries that FMUs need: of mathematics, and with FMUs inside of loading those."""
+    return ["-Wl,--as-needed", "-lm", "-ldl"] if target.suffix == ".so" else []
 
 
 def run(command: Sequence[str], folder: str, place: str) -> None:

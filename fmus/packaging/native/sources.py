@@ -31,6 +31,10 @@ def fixed(fmi: int, networked: bool = False) -> dict[str, str]:
 def _fixed(fmi: int, networked: bool) -> dict[str, str]:
     clocks = () if fmi == 2 else _NETWORK if networked else _SAMPLES
     names = (*_COMMON, "model.h", "rules.c", *_ADAPTERS[fmi], *clocks)
-    runtime = {name: (_RUNTIME / name).read_text() for name in names}
-    headers = package_folder("fmpy") / "c-code"
-    return runtime | {name: (headers / name).read_text() for name in _HEADERS[fmi]}
+    return {name: (_RUNTIME / name).read_text() for name in names} | headers(fmi)
+
+
+def headers(fmi: int) -> dict[str, str]:
+    """File name -> text of the headers of a version of FMI."""
+    folder = package_folder("fmpy") / "c-code"
+    return {name: (folder / name).read_text() for name in _HEADERS[fmi]}

@@ -1,4 +1,4 @@
-"""A system that becomes one FMU, in plain values: its models, how they are wired, and how they are stepped."""
+"""A system that becomes one FMU, in plain values: its parts, how they are wired, and how they are stepped."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from fmus.modelling.model import Model, Number, Table
+from fmus.packaging.system.nested import NestedPart
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,29 @@ class FusedPart:
     every: int
     instant: bool
 
+    @property
+    def title(self) -> str:
+        return self.model.name
+
+    @property
+    def description(self) -> str:
+        return self.model.description
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return tuple(variable.name for variable in self.model.of("parameter"))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return tuple(variable.name for variable in self.model.of("output"))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return tuple(state.name for state in self.model.states)
+
+
+SystemPart = FusedPart | NestedPart
+
 
 @dataclass(frozen=True)
 class Wire:
@@ -38,7 +62,7 @@ class Wire:
 
 @dataclass(frozen=True)
 class FusedSystem:
-    """Models wired to a system, and what its FMU shows of them.
+    """Models and FMUs wired to a system, and what its FMU shows of them.
 
     Attributes:
         name: an identifier of C; the FMU's model name.
@@ -52,7 +76,7 @@ class FusedSystem:
 
     name: str
     description: str
-    parts: Mapping[str, FusedPart]
+    parts: Mapping[str, SystemPart]
     wires: tuple[Wire, ...]
     base: Fraction
     start: Fraction
@@ -61,3 +85,13 @@ class FusedSystem:
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
     finite: bool = True
+
+    @property
+    def models(self) -> dict[str, FusedPart]:
+        """The parts that are made of models."""
+        return {name: part for name, part in self.parts.items() if isinstance(part, FusedPart)}
+
+    @property
+    def nested(self) -> dict[str, NestedPart]:
+        """The parts that are FMUs."""
+        return {name: part for name, part in self.parts.items() if isinstance(part, NestedPart)}

@@ -13,6 +13,7 @@ from fmus.packaging import values
 from fmus.packaging.description import exposure
 from fmus.packaging.description.interface import Exposed, ModelInterface, connectable
 from fmus.packaging.system.fused import FusedSystem, Wire
+from fmus.packaging.system.nested import NestedPart
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class SystemInterface:
     """The interface of a system's FMU.
 
     Attributes:
-        models: part -> the interface of its model alone.
+        models: part that is made of a model -> the interface of that alone.
         inside: part -> its variables, by their dotted names; value references go on from part to part.
         variables: those that importers see.
     """
@@ -40,7 +41,7 @@ class SystemInterface:
 
     @property
     def structured(self) -> bool:
-        return True
+        return not self.system.nested  # whose variables may have any names
 
     @property
     def time_reference(self) -> int:
@@ -98,16 +99,22 @@ class SystemInterface:
         return found
 
     def _instantly(self, output: str) -> list[str]:
-        part, _, name = output.partition(".")
-        model = self.system.parts[part].model
-        if not self.system.parts[part].instant:
+        name, _, variable = output.partition(".")
+        part = self.system.parts[name]
+        if not part.instant:
             return []
-        inputs = feed_through(model).get(name, tuple(variable.name for variable in model.of("input")))
-        return [f"{part}.{one}" for one in inputs]
+        known = part.feed_through if isinstance(part, NestedPart) else feed_through(part.model)
+        inputs = known.get(variable)
+        return self._of(name, "input") if inputs is None else [f"{name}.{one}" for one in inputs]
 
     def _initially(self, output: str) -> list[str]:
         part, _, name = output.partition(".")
+        if part not in self.models:
+            return self._of(part, "input", "parameter")
         return [f"{part}.{one}" for one in self.models[part].initial_unknowns.get(name, ())]
+
+    def _of(self, part: str, *causalities: str) -> list[str]:
+        return [variable.name for variable in self.inside[part] if variable.causality in causalities]
 
 
 def shown(system: FusedSystem) -> SystemInterface:
@@ -118,9 +125,12 @@ def shown(system: FusedSystem) -> SystemInterface:
     """
     models, inside, first = {}, {}, 0
     for name, part in system.parts.items():
-        starts = values.checked(part.model, part.values, part.tables)
-        models[name] = exposure.complete(part.model, starts)
-        own = [variable for variable in models[name].variables if variable.reference < models[name].first_rate]
+        if isinstance(part, NestedPart):
+            own = [variable.shown for variable in part.variables]
+        else:
+            starts = values.checked(part.model, part.values, part.tables)
+            models[name] = exposure.complete(part.model, starts)
+            own = [variable for variable in models[name].variables if variable.reference < models[name].first_rate]
         inside[name] = tuple(
             replace(variable, name=f"{name}.{variable.name}", reference=first + variable.reference) for variable in own
         )

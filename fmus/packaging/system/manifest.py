@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from fmus.errors import FmuFileError
+from fmus.packaging.system import nested
 from fmus.packaging.system.fused import FusedSystem, Wire
 
 NAME = "extra/org.servotwin/system.json"
@@ -15,13 +16,18 @@ NAME = "extra/org.servotwin/system.json"
 
 @dataclass(frozen=True)
 class ListedPart:
-    """A part: its model, its communication step [s], and when its outputs hold, in words."""
+    """A part: its model, its communication step [s], and when its outputs hold, in words.
+
+    Attributes:
+        folder: where it lies unpacked in the FMU of the system, where it is an FMU; else "".
+    """
 
     name: str
     model: str
     description: str
     step: float
     outputs_hold: str
+    folder: str = ""
 
 
 @dataclass(frozen=True)
@@ -41,13 +47,15 @@ class SystemManifest:
 
 def written(system: FusedSystem) -> bytes:
     """The file of a system."""
+    folders = nested.folders(system.nested)
     parts = tuple(
         ListedPart(
             name,
-            part.model.name,
-            part.model.description,
+            part.title,
+            part.description,
             float(part.every * system.base),
             "at once" if part.instant else "from the end of its step",
+            f"resources/{folders[name]}/" if name in folders else "",
         )
         for name, part in system.parts.items()
     )
@@ -76,7 +84,7 @@ def read(place: str, content: bytes) -> SystemManifest:
 
 def _part(given: dict[str, Any]) -> ListedPart:
     name, model, description, hold = (_text(given[key]) for key in ("name", "model", "description", "outputs_hold"))
-    return ListedPart(name, model, description, _finite(given["step"]), hold)
+    return ListedPart(name, model, description, _finite(given["step"]), hold, _text(given.get("folder", "")))
 
 
 def _wire(given: dict[str, Any]) -> Wire:

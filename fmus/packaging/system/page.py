@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from fmus.packaging.description import documentation
-from fmus.packaging.system.fused import FusedPart, Wire
+from fmus.packaging.system.fused import SystemPart, Wire
 from fmus.packaging.system.interface import SystemInterface
 
 
@@ -27,9 +27,9 @@ def page(interface: SystemInterface) -> bytes:
     return documentation.document(system.name, parts)
 
 
-def _stepped(name: str, part: FusedPart, step: float) -> tuple[str, ...]:
+def _stepped(name: str, part: SystemPart, step: float) -> tuple[str, ...]:
     hold = "at once" if part.instant else "from the end of its step"
-    return name, part.model.name, f"{step:.12g}", hold, part.model.description
+    return name, part.title, f"{step:.12g}", hold, part.description
 
 
 def _scale(wire: Wire) -> str:

@@ -23,7 +23,7 @@ from orchestrator.fmi.interface import TANGENT, Port
 DISCARD = FAILED = 2  # status discard, and worse
 _VENDOR = "servotwin"  # what names of functions begin with that FMI does not have, before its version
 FATAL = 4  # no function of the FMU may be called again
-_TROUBLE = frozenset({*(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal")), REFUSED})
+TROUBLE = frozenset({*(f"logStatus{kind}" for kind in ("Warning", "Discard", "Error", "Fatal")), REFUSED})  # categories
 Logger = Callable[[int, str, str], None]  # status, category, message
 
 
@@ -116,7 +116,7 @@ class FmiFunctions(ABC):
     def log_trouble(self) -> None:
         """Ask for messages about trouble, where the FMU keeps them apart from the rest."""
         offered = [category.name for category in self.description.logCategories]
-        wanted = offered if self._debug_log else [name for name in offered if name in _TROUBLE]
+        wanted = offered if self._debug_log else [name for name in offered if name in TROUBLE]
         if wanted and self.has("SetDebugLogging"):
             names = (ctypes.c_char_p * len(wanted))(*(name.encode() for name in wanted))
             self.call("SetDebugLogging", True, ctypes.c_size_t(len(wanted)), names)

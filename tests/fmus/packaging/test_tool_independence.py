@@ -26,7 +26,7 @@ from fmus.parameters import write_back
 from orchestrator.trace import FloatArray
 from tests.support.fmus.moving import moving
 from tests.support.fmus.stepping import stepped
-from tests.support.simulation.fused import fused, many_rates, wired
+from tests.support.simulation.fused import fused, many_rates, of_fmus, wired
 from tests.support.tools import maven, tools
 
 pytestmark = [
@@ -122,9 +122,12 @@ def test_co_simulation_gives_the_trajectories_of_the_instances(built: Any, tool:
         assert found[-COUNT:] == pytest.approx(wanted[1:], rel=1e-9, abs=1e-12), name
 
 
+@pytest.mark.parametrize("nested", [(), ("servo_drive", "pendulum", "excitation")], ids=["models", "fmus"])
 @pytest.mark.parametrize(("tool", "fmi"), cases("fmuloader", "ecos", "libcosim", "fmi4j"))
-def test_a_system_in_one_fmu_gives_the_trajectory_of_the_wired_one(tmp_path: Path, tool: str, fmi: int) -> None:
-    file = many_rates(tmp_path)
+def test_a_system_in_one_fmu_gives_the_trajectory_of_the_wired_one(
+    tmp_path: Path, tool: str, fmi: int, nested: tuple[str, ...]
+) -> None:
+    file = many_rates(tmp_path, *of_fmus(tmp_path, 5 - fmi, *nested))
     wanted = wired(file, 3 * COUNT * 0.002)
     order = {"outputs": [*wanted.outputs], "step": 3 * 0.002, "count": COUNT, "fmi": fmi}
     [rows] = run(tool, [{"path": str(fused(file, tmp_path, fmi)), **order}])

@@ -274,9 +274,9 @@ REFUSED = [
     (("model: servo_drive", "model: servo_drives"), "is not in the library"),
     (("hand.angle -> filter.u", "hand.angl -> filter.u"), "did you mean 'angle'?"),
     (("run: {", "can: {database: a.dbc, frames: {}}\nrun: {"), "can"),
-    (("{model: servo_drive, step: 0.002}", "{fmu: drive.fmu}"), "only models can be fused"),
+    (("{model: servo_drive, step: 0.002}", "{fmu: drive.fmu}"), "drive.fmu: no such file"),
     (("source.signal ->", "controller.effort ->"), "runs in a circle"),
-    (("step: 0.012,", "step: 0.012, solver: {method: cvode},"), "solvers cannot be fused"),
+    (("step: 0.012,", "step: 0.012, solver: {method: cvode},"), "solvers cannot be inside an FMU"),
     (("angle_start: 12 deg", "angle_start: 12 s"), "angle_start"),
 ]
 

@@ -81,7 +81,8 @@ class Either:
     def set(self, name: str, value: float) -> None:
         """An input or parameter; of an array in FMI 3.0 the whole is set, with one element changed."""
         if name in self.variables:
-            self._accessor("set", name)([self.variables[name].valueReference], [value])
+            of_type = value if self.variables[name].type in ("Real", "Float64") else int(value)
+            self._accessor("set", name)([self.variables[name].valueReference], [of_type])
             return
         array, number = self._element(name)
         values = self._array(array)

@@ -38,10 +38,13 @@ def harnessed(path: Path, folder: Path, fmi: int) -> tuple[int, str]:
 def _program(folder: Path, fmi: int) -> Path:
     """The harness and the sources, compiled."""
     sources = [*sorted((folder / "sources").glob("*.c")), HARNESS]
-    command = [shutil.which("cc") or "cc", *FLAGS, f"-DFMI={fmi}", f"-I{folder / 'sources'}", *map(str, sources)]
+    defined = [f"-DFMI={fmi}", *(["-DNESTED"] if (folder / "sources" / "nested.c").is_file() else [])]
+    command = [shutil.which("cc") or "cc", *FLAGS, *defined, f"-I{folder / 'sources'}", *map(str, sources)]
     program = folder / "harness"
     try:
-        done = subprocess.run([*command, "-o", str(program), "-lm"], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [*command, "-o", str(program), "-lm", "-ldl"], capture_output=True, text=True, check=False
+        )
     except OSError as error:
         pytest.skip(f"no C compiler here ({error})")
     if "asan" in done.stderr or "unrecognized" in done.stderr:

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from fmus.packaging import targets
 from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario.fusing import build, fuse
@@ -87,6 +88,13 @@ def many_rates(folder: Path, *changes: tuple[str, str]) -> Path:
     return folder / "many rates.yaml"
 
 
+def of_fmus(folder: Path, fmi: int, *models: str) -> list[tuple[str, str]]:
+    """Changes of that scenario with which components of these models are FMUs, as if another tool had made them."""
+    for model in models:
+        targets.build(model, folder / f"{model}.fmu", target="native", fmi=fmi)
+    return [(f"model: {model},", f"fmu: {model}.fmu,") for model in models]
+
+
 def fused(file: Path, folder: Path, fmi: int = 2, expose: Sequence[str] = ()) -> Path:
     """The FMU of a scenario's system."""
     return build(fuse(file, expose), folder, fmi)
@@ -125,7 +133,8 @@ def stepped(path: Path, like: Wired, every: int = 1) -> FloatArray:
     numbers = {name: value for name, value in like.values.items() if not isinstance(value, str)}
     with opened(path) as fmu:
         first = {name: float(values[0]) for name, values in like.inputs.items()}
-        known = {k: value for k, value in numbers.items() if {k, k.partition("[")[0]} & fmu.variables.keys()}
+        settable = {name for name, variable in fmu.variables.items() if variable.causality != "output"}
+        known = {k: value for k, value in numbers.items() if {k, k.partition("[")[0]} & settable}
         fmu.start(float(like.time[0]), **known, **first)
         rows = [fmu.get(*like.outputs)]
         for k in range(0, len(like.time) - every, every):

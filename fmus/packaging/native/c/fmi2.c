@@ -165,8 +165,10 @@ void fmi2FreeInstance(fmi2Component c)
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
                                fmi2Boolean stopTimeDefined, fmi2Real stopTime)
 {
-    (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
     REQUIRE(c, CAN_SetupExperiment);
+    of(c)->tolerance = toleranceDefined ? tolerance : 0.0;
+    of(c)->ends = stopTimeDefined;
+    of(c)->stop = stopTime;
     return (fmi2Status)instance_begin(of(c), startTime);
 }
 
@@ -180,7 +182,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
     REQUIRE(c, CAN_ExitInitializationMode);
-    if (instance_check_parameters(of(c)))
+    if (instance_run(of(c)))
         return fmi2Error;
     of(c)->now.mode = of(c)->model_exchange ? EVENT : STEP;
     return fmi2OK;
@@ -303,7 +305,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
 {
     REQUIRE(c, CAN_FMUstate);
     if (FMUstate) {
-        free(*FMUstate);
+        instance_drop(of(c), *FMUstate);
         *FMUstate = NULL;
     }
     return fmi2OK;
@@ -338,6 +340,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     return (fmi2Status)instance_derivative(of(c), vUnknown_ref, nUnknown, vKnown_ref, nKnown, dvKnown, dvUnknown, 0);
 }
 
+#ifndef NESTED
 /* Tangents, for which FMI 2.0 has no functions; see derivatives.h */
 
 FMI2_Export fmi2Status servotwin2CarryTangents(fmi2Component c, size_t directions);
@@ -363,6 +366,8 @@ fmi2Status servotwin2GetTangents(fmi2Component c, const fmi2ValueReference vr[],
     REQUIRE(c, CAN_Tangents);
     return (fmi2Status)instance_get_tangents(of(c), vr, nvr, value);
 }
+
+#endif
 
 /* Model exchange */
 
@@ -495,7 +500,7 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boo
     REQUIRE(c, CAN_GetStatus);
     if (s != fmi2Terminated)
         return fmi2Discard;
-    *value = fmi2False;
+    *value = of(c)->now.over;
     return fmi2OK;
 }
 

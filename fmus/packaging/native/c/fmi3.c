@@ -152,8 +152,10 @@ void fmi3FreeInstance(fmi3Instance instance)
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
                                        fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime)
 {
-    (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
     REQUIRE(instance, CAN_EnterInitializationMode);
+    of(instance)->tolerance = toleranceDefined ? tolerance : 0.0;
+    of(instance)->ends = stopTimeDefined;
+    of(instance)->stop = stopTime;
     if (instance_begin(of(instance), startTime))
         return fmi3Error;
     of(instance)->now.mode = INITIALIZATION;
@@ -167,7 +169,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 {
     REQUIRE(instance, CAN_ExitInitializationMode);
-    if (instance_check_parameters(of(instance)))
+    if (instance_run(of(instance)))
         return fmi3Error;
     const int events = ((Component *)instance)->events || of(instance)->model_exchange;
     of(instance)->now.mode = events ? EVENT : STEP;
@@ -289,7 +291,7 @@ fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
 {
     REQUIRE(instance, CAN_FMUState);
     if (FMUState) {
-        free(*FMUState);
+        instance_drop(of(instance), *FMUState);
         *FMUState = NULL;
     }
     return fmi3OK;
@@ -338,6 +340,7 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
     return (fmi3Status)instance_derivative(of(instance), unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity, 1);
 }
 
+#ifndef NESTED
 /* Tangents, for which FMI 3.0 has no functions; see derivatives.h */
 
 FMI3_Export fmi3Status servotwin3CarryTangents(fmi3Instance instance, size_t directions);
@@ -369,6 +372,8 @@ fmi3Status servotwin3GetTangents(fmi3Instance instance, const fmi3ValueReference
         return fmi3Error;
     return (fmi3Status)instance_get_tangents(of(instance), valueReferences, nValueReferences, values);
 }
+
+#endif
 
 /* Events and model exchange */
 
@@ -478,5 +483,6 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
     const Status status = instance_step(of(instance), currentCommunicationPoint, communicationStepSize);
     *lastSuccessfulTime = of(instance)->now.time;
-    return (fmi3Status)status;
+    *terminateSimulation = of(instance)->now.over != 0;
+    return of(instance)->now.over ? fmi3OK : (fmi3Status)status;
 }

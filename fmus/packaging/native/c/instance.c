@@ -65,7 +65,7 @@ Status instance_begin(Instance *it, double time)
     return STATUS_OK;
 }
 
-Status instance_check_parameters(Instance *it)
+Status instance_run(Instance *it)
 {
     const double *v = it->now.values;
     const int *about = NULL;
@@ -384,6 +384,12 @@ static Status keep(Instance *it, const Snapshot *snapshot, void **state)
 Status instance_save(Instance *it, void **state)
 {
     return keep(it, &it->now, state);
+}
+
+void instance_drop(Instance *it, void *state)
+{
+    (void)it;
+    free(state);
 }
 
 Status instance_restore(Instance *it, const void *state)

@@ -45,6 +45,7 @@ typedef struct {
     int mode, valid, stepped;
     History late[N_DELAYS + 1];
     double duration; /* of the latest step */
+    int over;        /* whether a part has asked to be stepped no more */
     int touched;     /* whether an input was set since */
 } Snapshot;
 
@@ -70,7 +71,10 @@ struct Instance {
     Report *report;
     int logging;        /* whether to report events; errors always are */
     int model_exchange; /* whether the importer integrates; then it may set states */
-    void *parts;        /* of a fused system, see part.h */
+    double tolerance;   /* of the run, relative; 0 where the importer tells none */
+    int ends;           /* whether the importer tells when the run ends */
+    double stop;        /* and when [s] */
+    void *parts;        /* of a system, see part.h */
 };
 
 /* Read defaults and tables and put the instance at its start; close it whatever comes back. */
@@ -103,8 +107,8 @@ Status instance_refuse(Instance *it, const char *format, ...);
 /* Put the states at their start values. */
 Status instance_begin(Instance *it, double time);
 
-/* See that the parameters fit together, as the initialisation ends. */
-Status instance_check_parameters(Instance *it);
+/* Leave the initialisation; see that the parameters fit together. */
+Status instance_run(Instance *it);
 
 /* The variable of this reference where its type is one of the `types` (a mask); NULL, and an error, where not. */
 const Variable *instance_find(Instance *it, unsigned reference, int types);
@@ -134,6 +138,7 @@ Status instance_check_states(Instance *it);
 /* States to go back to; `*state` is made when it is NULL. */
 Status instance_save(Instance *it, void **state);
 Status instance_restore(Instance *it, const void *state);
+void instance_drop(Instance *it, void *state);
 size_t instance_serialized_size(void);
 uint64_t instance_checksum(const void *bytes, size_t size); /* FNV-1a */
 Status instance_serialize(Instance *it, const void *state, void *bytes, size_t size);

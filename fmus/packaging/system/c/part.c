@@ -62,11 +62,17 @@ static Status part_set(void *part, unsigned reference, double value)
     return instance_set((Instance *)part, reference, ANY_TYPE, value);
 }
 
-static void part_evaluate(void *part)
+static Status part_evaluate(void *part)
 {
     Instance *it = (Instance *)part;
     it->now.valid = 0;
     evaluate_outputs(it);
+    return STATUS_OK;
+}
+
+static Status part_run(void *part)
+{
+    return instance_run((Instance *)part);
 }
 
 static double *part_values(void *part)
@@ -74,14 +80,21 @@ static double *part_values(void *part)
     return ((Instance *)part)->now.values;
 }
 
-static void *part_snapshot(void *part)
+static Status part_save(void *part, void *to)
 {
-    return &((Instance *)part)->now;
+    memcpy(to, &((Instance *)part)->now, sizeof(Snapshot));
+    return STATUS_OK;
 }
 
-static Status part_check_parameters(void *part)
+static Status part_restore(void *part, const void *from)
 {
-    return instance_check_parameters((Instance *)part);
+    memcpy(&((Instance *)part)->now, from, sizeof(Snapshot));
+    return STATUS_OK;
+}
+
+static void part_drop(void *part, void *at)
+{
+    (void)part, (void)at;
 }
 
 static Status part_step(void *part, double time, double duration)
@@ -105,6 +118,6 @@ static Status part_get_tangents(void *part, unsigned reference, double *tangents
 }
 
 const PartModel PART_MODEL = {
-    sizeof(Snapshot), part_open,     part_close,    part_reset,    part_begin, part_set,          part_check_parameters,
-    part_step,        part_evaluate, part_values,   part_snapshot, part_carry, part_set_tangents, part_get_tangents,
+    sizeof(Snapshot), part_open,    part_close, part_reset, part_begin,        part_set,          part_step, part_evaluate,
+    part_run,         part_values,  part_save,  part_restore, part_drop, part_carry, part_set_tangents, part_get_tangents,
 };

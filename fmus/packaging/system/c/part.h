@@ -1,6 +1,7 @@
-/* A model as a part of a fused system: an instance of its own, behind functions that know its sizes.
+/* A part of a system: an instance of its own, behind functions that know its sizes.
  *
  * Each model of a system is one translation unit: its equations and the runtime of instance.h, under names of its own.
+ * An FMU within a system is a part of the same kind, see nested.h.
  */
 #ifndef PART_H
 #define PART_H
@@ -11,17 +12,19 @@
 typedef void PartReport(void *owner, int number, Status status, const char *category, const char *message);
 
 typedef struct {
-    size_t size; /* of what changes while running [bytes] */
-    void *(*open)(void *owner, int number, PartReport *report, const char *tables);
+    size_t size; /* of a saved state [bytes] */
+    void *(*open)(void *owner, int number, PartReport *report, const char *folder);
     void (*close)(void *part);
     void (*reset)(void *part);
     Status (*begin)(void *part, double time);
     Status (*set)(void *part, unsigned reference, double value);
-    Status (*check_parameters)(void *part);
     Status (*step)(void *part, double time, double duration);
-    void (*evaluate)(void *part);  /* the outputs that are no states, at its present time */
-    double *(*values)(void *part); /* by the model's value references */
-    void *(*snapshot)(void *part); /* of `size` bytes */
+    Status (*evaluate)(void *part); /* the outputs that are no states, at its present time */
+    Status (*run)(void *part);      /* leave the initialisation, see that parameters fit */
+    double *(*values)(void *part);  /* by the part's value references */
+    Status (*save)(void *part, void *to); /* its state; all bytes there are 0, or a state saved before */
+    Status (*restore)(void *part, const void *from);
+    void (*drop)(void *part, void *at); /* what belongs to a saved state */
     Status (*carry)(void *part, size_t directions); /* tangents, see derivatives.h */
     Status (*set_tangents)(void *part, unsigned reference, const double *tangents);
     Status (*get_tangents)(void *part, unsigned reference, double *tangents);

@@ -11,12 +11,26 @@
 #define ASTRAY 1e-3 /* of a base step: how far an importer that adds up steps may be from where the system is */
 #define SETTLED 1e-10 /* largest change of a value in a circle that counts as none, relative to 1 + |value| */
 
+#ifdef NESTED
+enum { NESTS = 1 };
+#else
+enum { NESTS = 0 };
+#endif
+
 enum { CIRCLES = 50 }; /* how often initial values may run in a circle before they have to be settled */
 
 typedef struct {
     void *part[N_PARTS];
     double *values[N_PARTS]; /* of each part */
 } Parts;
+
+static int part_of(int reference)
+{
+    int i = 0;
+    while (reference >= system_parts[i].first + system_parts[i].count)
+        i++;
+    return i;
+}
 
 /* Life cycle */
 
@@ -33,12 +47,12 @@ static void said(void *owner, int number, Status status, const char *category, c
 static Status open_part(Instance *it, int i, const char *resources)
 {
     Parts *parts = (Parts *)it->parts;
-    const char *name = system_parts[i].name;
-    const size_t size = strlen(resources) + strlen(name) + 2;
+    const char *name = system_parts[i].name, *own = system_parts[i].folder;
+    const size_t size = strlen(resources) + strlen(own) + 2;
     char *folder = (char *)malloc(size);
     if (!folder)
         return instance_error(it, "no memory");
-    snprintf(folder, size, "%s/%s", resources, name);
+    snprintf(folder, size, "%s/%s", resources, own);
     parts->part[i] = system_parts[i].model->open(it, i, said, folder);
     free(folder);
     if (!parts->part[i])
@@ -47,13 +61,19 @@ static Status open_part(Instance *it, int i, const char *resources)
     return STATUS_OK;
 }
 
+/* Whether a variable belongs to an FMU. */
+static int is_nested(int reference)
+{
+    return NESTS && reference < N_VARIABLES - 1 && system_parts[part_of(reference)].fmu != NULL;
+}
+
 Status instance_open(Instance *it, const char *token, const char *resources)
 {
     Problem problem;
     if (!instance_belongs(it, token, resources))
         return STATUS_ERROR;
-    for (int i = 0; i < N_VARIABLES; i++)
-        it->defaults[i] = model_variables[i].start;
+    for (int i = 0; i < N_VARIABLES; i++) /* what is not given to an FMU is not set in it */
+        it->defaults[i] = is_nested(i) ? NAN : model_variables[i].start;
     if (read_defaults(resources, it->defaults, &problem))
         return instance_error(it, "%s", problem.text);
     if (!(it->parts = calloc(1, sizeof(Parts))))
@@ -87,7 +107,9 @@ void instance_reset(Instance *it)
         const Part *part = &system_parts[i];
         part->model->reset(parts->part[i]);
         for (int k = part->first; k < part->first + part->count; k++)
-            if (model_variables[k].role <= TUNABLE)
+            if (isnan(it->defaults[k]))
+                it->now.values[k] = model_variables[k].start;
+            else if (model_variables[k].role <= TUNABLE)
                 part->model->set(parts->part[i], (unsigned)(k - part->first), it->defaults[k]);
     }
     instance_begin(it, 0.0);
@@ -104,17 +126,6 @@ Status instance_begin(Instance *it, double time)
     s->samples = 0;
     s->stepped = 0;
     s->valid = 0;
-    return STATUS_OK;
-}
-
-Status instance_check_parameters(Instance *it)
-{
-    const Parts *parts = (const Parts *)it->parts;
-    for (int i = 0; i < N_PARTS; i++)
-        if (system_parts[i].model->check_parameters(parts->part[i])) {
-            it->now.mode = FAILED;
-            return STATUS_ERROR;
-        }
     return STATUS_OK;
 }
 
@@ -192,7 +203,8 @@ static Status settle(Instance *it)
         for (int i = 0; i < N_PARTS; i++) {
             const Part *part = &system_parts[i];
             part->take(s->values, parts->values[i]);
-            part->model->evaluate(parts->part[i]);
+            if (part->model->evaluate(parts->part[i]))
+                return STATUS_ERROR;
             part->give(parts->values[i], s->values);
         }
         if (turn > 0 && !moving(before, s->values, N_VARIABLES, turn > N_PARTS ? SETTLED : 0.0)) {
@@ -208,18 +220,11 @@ Status instance_get(Instance *it, unsigned reference, int types, double *value)
     const Variable *variable = instance_find(it, reference, types);
     if (!variable)
         return STATUS_ERROR;
-    if (variable->role == OUTPUT && !it->now.stepped && !it->now.valid && settle(it))
+    const int known = it->now.stepped || it->now.valid || (NESTS && it->now.mode == INSTANTIATED);
+    if (variable->role == OUTPUT && !known && settle(it))
         return STATUS_ERROR;
     *value = variable->role == TIME ? it->now.time : it->now.values[reference];
     return STATUS_OK;
-}
-
-static int part_of(int reference)
-{
-    int i = 0;
-    while (reference >= system_parts[i].first + system_parts[i].count)
-        i++;
-    return i;
 }
 
 Status instance_set(Instance *it, unsigned reference, int types, double value)
@@ -322,6 +327,22 @@ static Status pass_on(Instance *it, int i)
     return it->tangents.directions ? give_tangents(it, i) : STATUS_OK;
 }
 
+/* FMUs may have other outputs once their initialisation is over, which then hold. */
+Status instance_run(Instance *it)
+{
+    const Parts *parts = (const Parts *)it->parts;
+    if (NESTS && !it->now.valid && settle(it))
+        return STATUS_ERROR;
+    for (int i = 0; i < N_PARTS; i++)
+        if (system_parts[i].model->run(parts->part[i])) {
+            it->now.mode = FAILED;
+            return STATUS_ERROR;
+        }
+    for (int i = 0; NESTS && i < N_PARTS; i++)
+        system_parts[i].give(parts->values[i], it->now.values);
+    return STATUS_OK;
+}
+
 static Status prepare(Instance *it)
 {
     if (!it->now.valid && settle(it))
@@ -345,12 +366,15 @@ static Status advance(Instance *it)
         if (part->every > 1 && tick % part->every)
             continue;
         part->take(s->values, parts->values[i]);
-        if ((carries && take_tangents(it, i)) || part->model->step(parts->part[i], s->time, part->duration)) {
-            s->mode = FAILED;
-            return STATUS_ERROR;
+        const Status tangents = carries ? take_tangents(it, i) : STATUS_OK;
+        const Status status = tangents ? tangents : part->model->step(parts->part[i], s->time, part->duration);
+        if (status) {
+            s->over = status == STATUS_DISCARD && part->fmu != NULL;
+            s->mode = s->over ? s->mode : (int)FAILED;
+            return s->over ? STATUS_DISCARD : STATUS_ERROR;
         }
-        if (part->evaluated)
-            part->model->evaluate(parts->part[i]);
+        if (part->evaluated && part->model->evaluate(parts->part[i]))
+            return STATUS_ERROR;
         if (part->instant && pass_on(it, i))
             return STATUS_ERROR;
     }
@@ -379,10 +403,10 @@ Status instance_step(Instance *it, double time, double duration)
         return instance_error(it, "cannot step from %.12g s: it is at %.12g s", time, s->time);
     if (!s->stepped && prepare(it))
         return STATUS_ERROR;
-    for (double i = 0; i < count; i++)
-        if (advance(it))
-            return STATUS_ERROR;
-    return STATUS_OK;
+    Status status = s->over ? STATUS_DISCARD : STATUS_OK;
+    for (double i = 0; i < count && !status; i++)
+        status = advance(it);
+    return status;
 }
 
 /* States to go back to: the system's own snapshot, and that of each part */
@@ -400,14 +424,28 @@ Status instance_save(Instance *it, void **state)
     const Parts *parts = (const Parts *)it->parts;
     if (!state)
         return instance_error(it, "there is no place for the state");
-    if (!*state && !(*state = malloc(size_of_state())))
+    const int fresh = !*state;
+    if (fresh && !(*state = calloc(1, size_of_state())))
         return instance_error(it, "no memory for the state");
     char *to = (char *)*state;
     memcpy(to, &it->now, sizeof it->now);
     to += sizeof it->now;
     for (int i = 0; i < N_PARTS; to += system_parts[i].model->size, i++)
-        memcpy(to, system_parts[i].model->snapshot(parts->part[i]), system_parts[i].model->size);
+        if (system_parts[i].model->save(parts->part[i], to)) {
+            instance_drop(it, fresh ? *state : NULL);
+            *state = fresh ? NULL : *state;
+            return STATUS_ERROR;
+        }
     return STATUS_OK;
+}
+
+void instance_drop(Instance *it, void *state)
+{
+    const Parts *parts = (const Parts *)it->parts;
+    char *at = (char *)state + sizeof it->now;
+    for (int i = 0; state && i < N_PARTS; at += system_parts[i].model->size, i++)
+        system_parts[i].model->drop(parts->part[i], at);
+    free(state);
 }
 
 Status instance_restore(Instance *it, const void *state)
@@ -421,11 +459,12 @@ Status instance_restore(Instance *it, const void *state)
     memcpy(&it->now, from, sizeof it->now);
     from += sizeof it->now;
     for (int i = 0; i < N_PARTS; from += system_parts[i].model->size, i++)
-        memcpy(system_parts[i].model->snapshot(parts->part[i]), from, system_parts[i].model->size);
+        if (system_parts[i].model->restore(parts->part[i], from))
+            return STATUS_ERROR;
     return STATUS_OK;
 }
 
-/* Serialised: a checksum of what follows, the token, the state. */
+/* Serialised: a checksum of what follows, the token, the state. That of an FMU within is not in memory of ours. */
 enum { SUM = sizeof(uint64_t), HEAD = SUM + sizeof MODEL_TOKEN };
 
 size_t instance_serialized_size(void)
@@ -436,6 +475,8 @@ size_t instance_serialized_size(void)
 Status instance_serialize(Instance *it, const void *state, void *bytes, size_t size)
 {
     char *to = (char *)bytes;
+    if (NESTS)
+        return instance_error(it, "a state of FMUs within cannot be serialised");
     if (!state || !bytes || size < instance_serialized_size())
         return instance_error(it, "a serialised state needs %lu bytes", (unsigned long)instance_serialized_size());
     memcpy(to + SUM, MODEL_TOKEN, sizeof MODEL_TOKEN);
@@ -449,6 +490,8 @@ Status instance_deserialize(Instance *it, const void *bytes, size_t size, void *
 {
     const char *from = (const char *)bytes;
     uint64_t checksum;
+    if (NESTS)
+        return instance_error(it, "a state of FMUs within cannot be serialised");
     if (!bytes || size < instance_serialized_size())
         return instance_error(it, "a serialised state has %lu bytes", (unsigned long)instance_serialized_size());
     memcpy(&checksum, from, SUM);

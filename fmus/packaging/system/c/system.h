@@ -1,4 +1,4 @@
-/* A fused system: parts in the order in which they are stepped, and how values pass between them.
+/* A system: parts in the order in which they are stepped, and how values pass between them.
  *
  * All values of the system lie in one array `v`, by value reference: for each part its inputs, parameters and outputs,
  * one after the other as the part's model has them. What an output holds there is what others see of it; the
@@ -15,9 +15,13 @@ typedef struct {
     double factor;
 } Feed;
 
+typedef struct NestedFmu NestedFmu;
+
 typedef struct {
     const char *name;
+    const char *folder; /* in the resources */
     const PartModel *model;
+    const NestedFmu *fmu; /* where it is no model; see nested.h */
     int first, count; /* its value references */
     int every;        /* its communication step [base steps] */
     double duration;  /* the same [s] */

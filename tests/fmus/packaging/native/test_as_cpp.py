@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fmus.packaging import archive
-from tests.support.simulation.fused import fused, many_rates
+from tests.support.simulation.fused import fused, many_rates, of_fmus
 
 Built = Callable[[str, int], Path]
 STRICT = ("-x", "c++", "-std=c++17", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only")
@@ -42,3 +42,9 @@ def test_the_sources_of_a_model_are(
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_those_of_a_fused_system_are(fmi: int, tmp_path: Path) -> None:
     assert complaints(fused(many_rates(tmp_path), tmp_path, fmi), tmp_path / "sources") == ""
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_those_of_a_system_with_fmus_inside_are(fmi: int, tmp_path: Path) -> None:
+    file = many_rates(tmp_path, *of_fmus(tmp_path, 2, "pendulum"), *of_fmus(tmp_path, 3, "servo_drive"))
+    assert complaints(fused(file, tmp_path, fmi), tmp_path / "sources") == ""
