@@ -59,6 +59,7 @@ def guarded(work: Callable[[], None]) -> None:
         owned.sweep(usual, _NAME)
         _watch(child, watched, words)
     os.close(held)
+    interrupts.guarded_by(os.getppid())
     with interrupts.Interrupts():
         try:
             _stand_alone(life)

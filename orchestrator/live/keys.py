@@ -6,6 +6,7 @@ A command is a child in the background of its terminal; while keys are read it i
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import threading
@@ -26,13 +27,16 @@ _NAMES = {
     "\x1b[D": "left",
     "\r": "enter",
     "\n": "enter",
+    "\x03": "ctrl-c",
+    "\x1c": "ctrl-\\",
 }
+_OTHER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.|)", re.DOTALL)  # keys that say more than a letter
 
 
 @contextmanager
 def keys(press: Callable[[str], None]) -> Iterator[None]:
     """Each key that is pressed within the block goes to `press`, on a thread of its own: its letter, or up, down, left,
-    right, enter, space. Without effect where there is no terminal that can do that."""
+    right, enter, space, ctrl-c, ctrl-\\. Without effect where there is no terminal that can do that."""
     if sys.platform == "win32":
         yield
         return
@@ -48,14 +52,15 @@ def keys(press: Callable[[str], None]) -> Iterator[None]:
 
 @contextmanager
 def _foreground(terminal: int) -> Iterator[None]:
-    """The terminal gives each key at once, to this process group; Ctrl-C still interrupts, Ctrl-Z is a key."""
+    """The terminal gives each key at once, to this process group; Ctrl-C, Ctrl-\\ and Ctrl-Z are keys: the
+    signals would reach this process, which may hang, but not the one that guards it."""
     if sys.platform == "win32":
         raise OSError("Windows has no terminals that are files")
     former, group = termios.tcgetattr(terminal), os.tcgetpgrp(terminal)
     own = termios.tcgetattr(terminal)
     own[3] &= ~(termios.ICANON | termios.ECHO)
-    own[6][termios.VSUSP] = own[6][termios.VMIN] = b"\0"
-    own[6][termios.VTIME] = b"\0"
+    for key in (termios.VINTR, termios.VQUIT, termios.VSUSP, termios.VMIN, termios.VTIME):
+        own[6][key] = b"\0"
     os.tcsetpgrp(terminal, os.getpgrp())
     termios.tcsetattr(terminal, termios.TCSADRAIN, own)
     try:
@@ -86,8 +91,8 @@ def split(text: str) -> Iterator[str]:
         named = next((name for name in _NAMES if text.startswith(name)), "")
         if named:
             yield _NAMES[named]
-        elif text[0] != "\x1b":
-            yield text[0]
+        elif other := _OTHER.match(text):
+            named = other[0]
         else:
-            return  # another key that says more than a letter
+            yield text[0]
         text = text[len(named) or 1 :]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import sys
-import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +15,7 @@ from rich.text import Text
 from fmus.errors import ServotwinError
 from orchestrator.display.plain import plain
 from orchestrator.live.keys import keys
+from orchestrator.processes import interrupts
 from orchestrator.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -31,6 +29,7 @@ SHOWN = 12  # values that are listed
 PERCENT = 0.01  # by how much the arrows change a value
 REFRESH = 5  # pictures a second
 ENDS = "space ends it"
+ENDING = "space", "ctrl-c", "ctrl-\\"
 HELP = f"↑ ↓ choose, ← → change by 1 %, or type a value and Enter; {ENDS}"
 
 
@@ -72,8 +71,8 @@ class LivePanel:
 
     def press(self, key: str) -> None:
         """Do what a key is for; space ends the run as Ctrl-C does, whatever has been typed."""
-        if key == "space":
-            _interrupt()
+        if key in ENDING:
+            interrupts.ask()
             return
         names = self._names()
         if not names:
@@ -146,11 +145,3 @@ def sparkline(values: Sequence[float]) -> str:
         BARS[round(top * ((value - low) / span)) if span else 0] if abs(value) < float("inf") else " "
         for value in values
     )
-
-
-def _interrupt() -> None:
-    """As Ctrl-C in the main thread, whatever it waits for."""
-    if sys.platform == "win32":
-        signal.raise_signal(signal.SIGINT)
-    else:
-        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)

@@ -5,6 +5,7 @@ A Python FMU runs in this very process; an exception in its code would come back
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -24,6 +25,7 @@ _SOON = 0.01  # until an interrupt is raised again that came where nothing can b
 Handler = Callable[[int, FrameType | None], Any]
 
 _active: list[Interrupts] = []
+_guard = 0  # the process that passes signals on to this one, 0 where none does
 
 
 def endings() -> list[signal.Signals]:
@@ -31,6 +33,22 @@ def endings() -> list[signal.Signals]:
     others = [signal.Signals[name] for name in ("SIGHUP", "SIGQUIT") if hasattr(signal, name)]
     left = [number for number in others if signal.getsignal(number) is not signal.SIG_IGN]
     return [signal.SIGINT, signal.SIGTERM, *left]
+
+
+def guarded_by(process: int) -> None:
+    """Signals to this process come from another one, which sees to it that it ends."""
+    global _guard  # noqa: PLW0603 (a process has one)
+    _guard = process
+
+
+def ask() -> None:
+    """Ask this command to end as Ctrl-C does, from any thread, whatever the main one waits for or hangs in."""
+    if sys.platform == "win32":
+        signal.raise_signal(signal.SIGINT)
+    elif _guard and os.getppid() == _guard:
+        os.kill(_guard, signal.SIGINT)
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def ignore() -> None:

@@ -138,6 +138,13 @@ def test_what_ignores_a_wish_to_end_is_killed(tmp_path: Path) -> None:
     assert ended(running, tmp_path) == (130, "interrupted; wheel (bad.fmu) did not let go\n")
 
 
+@pytest.mark.slow
+def test_a_command_that_asks_for_its_own_end_and_hangs_is_killed(tmp_path: Path) -> None:
+    work = "import threading; from orchestrator.processes import interrupts; libc.signal(2, ctypes.c_void_p(1))"
+    work += "\n    threading.Timer(0.1, interrupts.ask).start(); libc.sleep(600)"
+    assert ended(started(tmp_path, work), tmp_path) == (130, "interrupted; wheel (bad.fmu) did not let go\n")
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a pipe that sends a signal")
 def test_the_command_ends_with_its_parent_and_cleans_up(tmp_path: Path) -> None:
     running = started(tmp_path, "time.sleep(600)")

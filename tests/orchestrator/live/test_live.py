@@ -197,9 +197,14 @@ def test_the_keys_choose_change_and_type_values() -> None:
     ]
 
 
-def test_space_ends_a_run_as_ctrl_c_does_whatever_is_typed() -> None:
+def test_keys_that_nobody_asked_for_hide_none_that_follow() -> None:
+    assert [*split("\x1b[5~ \x1b[A1\x1bOP\x1b[1;5C\x03\x1b")] == ["space", "up", "1", "ctrl-c"]
+
+
+@pytest.mark.parametrize("typed", ["1 ", "1\x03", "\x1c"])
+def test_space_ends_a_run_as_ctrl_c_does_whatever_is_typed(typed: str) -> None:
     panel = LivePanel("a run")
-    pressing = threading.Timer(0.1, lambda: [panel.press(key) for key in split("1 ")])
+    pressing = threading.Timer(0.1, lambda: [panel.press(key) for key in split(typed)])
     pressing.start()
     with pytest.raises(KeyboardInterrupt):
         time.sleep(300)
