@@ -133,3 +133,27 @@ def test_a_direct_wire_carries_no_signals(high_cut: Any, run: Run) -> None:
     }
     with pytest.raises(InputError, match=r"a\.Line: exchanges signals, which a direct wire does not carry"):
         run(parts, {"w": {"nodes": ["a.Line", "b.Line"], "direct": True}}, step=0.05)
+
+
+PAGED = """VERSION ""
+NS_ :
+BS_:
+BU_: A B
+BO_ 100 Beat: 4 A
+ SG_ page M : 0|8@1+ (1,0) [0|60] "" B
+ SG_ stamp m3 : 8|16@1+ (0.001,0) [0|60] "" B
+"""
+
+
+def test_a_multiplexed_frame_sets_what_its_page_has(high_cut: Any, run: Run, tmp_path: Path) -> None:
+    """The number of ticks selects the page, and 6 and 9 select none: those frames are not sent, which is told."""
+    (tmp_path / "paged.dbc").write_text(PAGED)
+    sent = ("out", {"page": "n_tick", "stamp": "last_time"})
+    received = ("trigger", {"page": "u", "stamp": "w"})
+    parts = {"a": (high_cut("a", ("tick", "out"), sent), {}), "b": (high_cut("b", ("trigger",), received), {})}
+    found = run(parts, bus(database=str(tmp_path / "paged.dbc")), step=0.05)
+    frames = list(found.carried["line"].frames.messages())
+    assert [(round(frame.timestamp, 3), frame.data[0]) for frame in frames] == [(0.2, 3)]
+    assert found.trace["b.n_trigger"][-1] == 1
+    assert np.unique(found.trace["b.heard"]).tolist() == pytest.approx([0.0, 0.2], abs=5e-4)
+    assert found.carried["line"].remarks == ("a.Line: frames with an unknown multiplexer value: Beat 2",)

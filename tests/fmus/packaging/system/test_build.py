@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
+from lxml import etree
 
 from fmus import library
 from fmus.errors import ModelError
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedPart, FusedSystem, Wire
-from tests.support.fmus.either import opened
+from tests.support.fmus.either import opened, schema
 from tests.support.fmus.moving import moving
 from tests.support.fmus.natives import NAMES
 from tests.support.fmus.stepping import stepped
@@ -43,6 +44,8 @@ SYSTEM = FusedSystem(
     outputs=("a.y", "b.y"),
     parameters=("a.A[1,1]", "b.x_start[1]", "b.x_start[2]", "b.x_start[3]"),
 )
+
+JOINED = {"motor": "dc_motor", "hand": "pendulum", "slide": "linear_axis"}
 
 
 def identity(path: Path) -> bytes:
@@ -124,3 +127,23 @@ def test_every_model_of_the_library_moves_inside_as_it_does_alone(tmp_path: Path
         outputs = [output.name for output in model.of("output")]
         expected = stepped(model, moving(name), outputs, time)[1:]
         assert np.array_equal(np.column_stack([found[f"{name}.{one}"] for one in outputs]), expected), name
+
+
+def test_ports_that_nothing_inside_joins_are_terminals(tmp_path: Path) -> None:
+    """The motor's armature is free, its shaft drives the hand, whose own has its torque from there."""
+    parts = {name: FusedPart(library.find(model), {}, {}, 1, False) for name, model in JOINED.items()}
+    wires = (Wire("motor.torque", "hand.torque"), Wire("hand.speed", "motor.speed"))
+    outputs = ("motor.current", "motor.torque", "hand.speed", "slide.speed")
+    system = replace(SYSTEM, parts=parts, wires=wires, outputs=outputs, parameters=())
+    path = targets.build_system(system, tmp_path / "chain.fmu", fmi=3)
+    document = etree.fromstring(archive.read(path)["terminalsAndIcons/terminalsAndIcons.xml"])
+    etree.XMLSchema(etree.parse(schema(3).with_name("fmi3TerminalsAndIcons.xsd"))).assertValid(document)
+    members = {
+        terminal.get("name"): [one.get("variableName") for one in terminal.iter("TerminalMemberVariable")]
+        for terminal in document.iter("Terminal")
+    }
+    assert members == {
+        "motor.armature": ["motor.voltage", "motor.current"],
+        "slide.carriage": ["slide.speed", "slide.force"],
+    }
+    assert validate_fmu(str(path)) == []
