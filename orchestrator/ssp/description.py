@@ -31,12 +31,14 @@ class Connector:
         kind: input, output, parameter, calculatedParameter, inout, ...
         type: Real, Integer, Boolean, Float64, ...; "" where it does not say.
         unit: None where it does not say.
+        sizes: of an array, as they are written; () where it does not say.
     """
 
     name: str
     kind: str
     type: str = ""
     unit: str | None = None
+    sizes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -166,9 +166,9 @@ class _Importing:
     def _contradictions(self) -> Iterator[str]:
         """Where the file says something else of a component's variable than its FMU, which counts."""
         for path, component in self.flat.components.items():
+            resized = bool(self.interfaces[path].of("structuralParameter"))
             for connector in component.connectors.values():
-                port = self._found((path, connector.name))
-                said = contradiction(connector, port)
+                said = contradiction(connector, self._found((path, connector.name)), resized)
                 if said:
                     yield f"{'.'.join((*path, connector.name))}: {said}"
 

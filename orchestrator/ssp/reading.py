@@ -161,7 +161,8 @@ class _DescriptionFile:
 
     def connector(self, entry: etree._Element) -> Connector:
         kind, unit = typed(entry)
-        return Connector(required(entry, "name", self.place), required(entry, "kind", self.place), kind, unit)
+        sizes = tuple(size for one in entry.iterfind(f"{SSC}Dimension") if (size := one.get("size")))
+        return Connector(required(entry, "name", self.place), required(entry, "kind", self.place), kind, unit, sizes)
 
     def connection(self, entry: etree._Element) -> SsdConnection:
         place = f"{self.place}:{entry.sourceline}"

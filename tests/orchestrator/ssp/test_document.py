@@ -185,6 +185,11 @@ def test_a_unit_of_a_connector_that_is_not_known_is_told(tmp_path: Path) -> None
         ('name="k" kind="parameter"', 'name="k" kind="input"', "a.k: is said to be an input, and is a parameter of"),
         ('name="k"', 'name="other"', "a.other: is no variable of its FMU"),
         ("<ssc:Real/>", "<ssc:Boolean/>", "a.u: is said to be a Boolean, and is a Real of its FMU"),
+        (
+            "<ssc:Real/>",
+            '<ssc:Real/><ssc:Dimension size="3"/>',
+            "a.u: is said to be of 3 elements, and is a scalar in its FMU",
+        ),
     ],
 )
 def test_connectors_that_are_other_than_their_variables_are_told(tmp_path: Path, old: str, new: str, said: str) -> None:
