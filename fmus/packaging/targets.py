@@ -238,7 +238,7 @@ def _stamps() -> tuple[tuple[Path, int, int], ...]:
 @once
 def _own_files(root: Path) -> tuple[Path, ...]:
     """The project's code that FMUs are made of, without the models: those are in memory."""
-    files = (file for file in root.rglob("*") if file.suffix in (".py", ".c", ".h", ".txt"))
+    files = (file for file in root.rglob("*") if file.suffix in (".py", ".c", ".h", ".txt", ".png", ".svg"))
     return tuple(sorted(file for file in files if root / "models" not in file.parents or file.name == "__init__.py"))
 
 

@@ -5,12 +5,13 @@ FMI 2.0 knows an icon only; there the same document lies where tools keep what i
 
 from __future__ import annotations
 
+from importlib.resources import files as shipped
 from xml.etree import ElementTree as ET
 
 from fmus import units
 from fmus.errors import ModelError
 from fmus.modelling.ports import KINDS, PhysicalPort
-from fmus.packaging.description import icons, xml
+from fmus.packaging.description import xml
 from fmus.packaging.description.interface import DescribedInterface
 
 FOLDER = "terminalsAndIcons"
@@ -31,15 +32,17 @@ def files(interface: DescribedInterface, fmi: int, bus: ET.Element | None = None
         ModelError: a variable of a port has the unit of another quantity.
     """
     _check(interface)
-    drawing = icons.of_model(_sampled(interface))
+    own = "sampled" if _sampled(interface) else "continuous"
     document = xml.document(_document(interface.ports, bus if fmi == 3 else None, drawn=fmi == 3))
     if fmi == 2:
-        return {"model.png": icons.png(drawing)} | ({FMI2: document} if interface.ports else {})
-    pictures = {"icon": drawing} | {one.kind: icons.disc(_COLOURS[one.kind]) for one in interface.ports}
-    found = {f"{FOLDER}/{NAME}": document}
-    for name, picture in pictures.items():
-        found |= {f"{FOLDER}/{name}.png": icons.png(picture), f"{FOLDER}/{name}.svg": icons.svg(picture)}
-    return found
+        return {"model.png": _picture(f"{own}.png")} | ({FMI2: document} if interface.ports else {})
+    pictures = {"icon": own} | {one.kind: one.kind for one in interface.ports}
+    drawn = {f"{name}.{form}": f"{shown}.{form}" for name, shown in pictures.items() for form in ("png", "svg")}
+    return {f"{FOLDER}/{NAME}": document} | {f"{FOLDER}/{name}": _picture(file) for name, file in drawn.items()}
+
+
+def _picture(name: str) -> bytes:
+    return (shipped(__package__) / "pictures" / name).read_bytes()
 
 
 def _check(interface: DescribedInterface) -> None:
