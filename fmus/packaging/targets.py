@@ -168,7 +168,7 @@ class _SystemOrder:
         parts = [[*system.parts], made, system.nested]
         wires = [(wire.source, wire.target, wire.factor, wire.offset) for wire in system.wires]
         times = [str(time) for time in (system.base, system.start, system.stop, system.step)]
-        shown = (system.name, system.description, system.outputs, system.parameters, system.finite)
+        shown = (system.name, system.description, system.outputs, system.parameters, system.finite, system.tolerance)
         native = _native_parts(self.fmi, self.platforms)
         return _key(f"system {system.name}", "system", parts, wires, times, shown, native)
 

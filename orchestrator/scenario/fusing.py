@@ -149,6 +149,7 @@ def _fused(
         outputs=_shown(scenario, system, parts),
         parameters=_exposed(parts, expose),
         finite=timing.finite,
+        tolerance=timing.tolerance or 0.0,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fmus import units
 from fmus.errors import InputError
 from fmus.modelling.model import Number
 from fmus.packaging import archive
@@ -98,6 +99,9 @@ def remarks(name: str, fmu: FmuFile, part: NestedPart) -> Iterator[str]:
         yield f"{name}: needs another program where it runs, and so does the FMU"
     if not part.saves:
         yield f"{name}: cannot go back to a state, and so neither can the FMU"
+    shown = (fmu.interface.ports[one.shown.name] for one in part.variables if one.shown.name in fmu.interface.ports)
+    for unit in sorted({port.unit for port in shown if port.unit and port.measure.unit != units.parse(port.unit)}):
+        yield f"{name}: its unit '{unit}' is shown by its name alone, not as it defines it"
 
 
 def _variables(fmu: FmuFile, role: Role) -> Iterator[NestedVariable]:

@@ -144,6 +144,7 @@ def _wiring(interface: SystemInterface, identifiers: Mapping[Model, str]) -> str
             _array("const Variable model_variables[N_VARIABLES]", [*variables, '{"time", REAL, TIME, 0.0, 1}']),
             *functions,
             _array("const Part system_parts[N_PARTS]", parts),
+            f"const double system_tolerance = {c_code.literal(system.tolerance)};",
             f"const Clock system_clock = {{{', '.join(map(c_code.literal, base))}}};",
             "",
             "const char *const model_tables[N_TABLES + 1] = {NULL};",

@@ -72,6 +72,7 @@ class FusedSystem:
         outputs: part.variable of the outputs and states that are shown.
         parameters: part.parameter of those that are shown; the others keep their values.
         finite: whether an output that is not finite ends a run.
+        tolerance: relative, which FMUs inside are told where the importer tells none; 0 is none.
     """
 
     name: str
@@ -85,6 +86,7 @@ class FusedSystem:
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
     finite: bool = True
+    tolerance: float = 0.0
 
     @property
     def models(self) -> dict[str, FusedPart]:

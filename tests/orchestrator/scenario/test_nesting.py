@@ -272,6 +272,29 @@ def test_functions_that_a_library_lacks_matter_where_they_are_needed(tmp_path: P
     assert_equal(fused(file, tmp_path), wired(file, 1.0))
 
 
+def test_the_tolerance_of_the_scenario_is_told_inside_unless_the_importer_tells_one(tmp_path: Path) -> None:
+    quirks.build(tmp_path / "lag.fmu", ON_SETUP="m->number[K] = hasTolerance ? tolerance : 0.5;")
+    file = tmp_path / "lags.yaml"
+    file.write_text("title: Lag\ncomponents: {lag: {fmu: lag.fmu}}\nrun: {stop: 1, step: 1, tolerance: 0.25}\n")
+    path = fused(file, tmp_path)
+    assert_equal(path, wired(file, 1.0))
+    with opened(path) as fmu:
+        fmu.fmu.setupExperiment(tolerance=0.125, startTime=0.0)
+        fmu.fmu.enterInitializationMode()
+        fmu.fmu.exitInitializationMode()
+        fmu.step(0.0, 1.0)
+        assert fmu.get("lag.x") == [1 - 0.125]
+
+
+def test_a_unit_that_an_fmu_defines_in_its_own_way_is_told(tmp_path: Path) -> None:
+    file = counters(tmp_path)
+    files = archive.read(tmp_path / "counter.fmu")
+    defined = b'<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="2"/></Unit></UnitDefinitions><TypeDefinitions>'
+    files["modelDescription.xml"] = files["modelDescription.xml"].replace(b"<TypeDefinitions>", defined)
+    archive.write(tmp_path / "counter.fmu", files)
+    assert "a: its unit 'm' is shown by its name alone, not as it defines it" in fuse(file).notes
+
+
 def test_an_fmu_that_is_a_part_is_not_written_over(tmp_path: Path) -> None:
     file = counters(tmp_path)
     file = file.rename(tmp_path / "counter.yaml")

@@ -63,6 +63,12 @@ static void release(Nested *part)
         functions_of(part)->FreeInstance(part->instance);
 }
 
+/* Of its solver, relative; 0 where none is told. */
+static double tolerance_of(const Nested *part)
+{
+    return part->owner->tolerance > 0 ? part->owner->tolerance : system_tolerance;
+}
+
 static int reset(Nested *part)
 {
     CALL(Reset, part->instance);

@@ -46,8 +46,9 @@ static Status instantiate(Nested *part)
 static int enter(Nested *part)
 {
     const Instance *it = part->owner;
-    const int status = (int)functions_of(part)->SetupExperiment(part->instance, it->tolerance > 0, it->tolerance,
-                                                                part->start, it->ends, it->stop);
+    const double tolerance = tolerance_of(part);
+    const int status = (int)functions_of(part)->SetupExperiment(part->instance, tolerance > 0, tolerance, part->start,
+                                                                it->ends, it->stop);
     return status > (int)fmi2Warning ? status : (int)functions_of(part)->EnterInitializationMode(part->instance);
 }
 

@@ -31,8 +31,8 @@ static Status instantiate(Nested *part)
 static int enter(Nested *part)
 {
     const Instance *it = part->owner;
-    CALL(EnterInitializationMode, part->instance, it->tolerance > 0, it->tolerance, part->start, it->ends != 0,
-         it->stop);
+    const double tolerance = tolerance_of(part);
+    CALL(EnterInitializationMode, part->instance, tolerance > 0, tolerance, part->start, it->ends != 0, it->stop);
 }
 
 /* Values of other types than Float64 go through memory of theirs; a whole number that does not fit is an error. */

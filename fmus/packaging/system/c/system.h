@@ -40,5 +40,6 @@ typedef struct {
 
 extern const Part system_parts[N_PARTS];
 extern const Clock system_clock;
+extern const double system_tolerance; /* which FMUs inside are told where the importer tells none; 0 is none */
 
 #endif
