@@ -13,7 +13,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from fmus.errors import InputError, ModelError
+from fmus.errors import InputError, ModelError, ParametersRefused
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
 from fmus.packaging.system.build import FLAGS
@@ -255,6 +255,17 @@ def test_an_fmu_that_asks_to_stop_ends_the_run_of_the_whole(tmp_path: Path, fmi:
         result = system.run(10, 1)
     assert result.ended == "whole: asked to stop at t = 5 s"
     assert result.trace.time[-1] == 5.0
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_parameters_that_do_not_fit_together_are_refused_through_both_fmus(tmp_path: Path, fmi: int) -> None:
+    targets.build("notch", tmp_path / "notch.fmu", target="native", fmi=fmi)
+    (tmp_path / "filters.yaml").write_text(
+        "title: t\ncomponents: {filter: {fmu: notch.fmu}}\nrun: {stop: 0.1, step: 1/300}\n"
+    )
+    path = fused(tmp_path / "filters.yaml", tmp_path, 5 - fmi)
+    with open_system({"whole": path}) as system, pytest.raises(ParametersRefused, match=r"filter: .*frequency is not"):
+        system.run("0.1", "1/300", {"whole.filter.frequency": 160.0})
 
 
 def test_a_value_that_an_fmu_does_not_take_is_an_error(tmp_path: Path) -> None:
