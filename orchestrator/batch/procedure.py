@@ -96,8 +96,9 @@ class EndedCommand:
         if not self.code and not self.early:
             return None
         early = "ended before it was told to, with " if self.early else ""
-        last = self.output.splitlines()[-1:] or ["nothing said"]
-        return f"{early}exit code {self.code}: {last[0]}"
+        said = [line for line in self.output.splitlines() if any(map(str.isalnum, line))] or ["nothing said"]
+        errors = [line for line in said if line.startswith("servotwin: ")]
+        return f"{early}exit code {self.code}: {(errors or said)[-1]}"
 
     def document(self) -> CaseDocument:
         """As a case of the suite."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fmus.errors import ScenarioError
-from orchestrator.batch.procedure import outputs_of, run_procedure
+from orchestrator.batch.procedure import EndedCommand, outputs_of, run_procedure
 from tests.support.commands import servotwin
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
@@ -97,3 +97,15 @@ def test_steps_that_do_not_fit_are_refused(tmp_path: Path, steps: str, complaint
     with pytest.raises(ScenarioError, match=complaint):
         run_procedure(written(tmp_path, steps), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("output", "why"),
+    [
+        ("", "nothing said"),
+        ("one\n└──┘\n", "one"),
+        ("servotwin: a.yaml: is odd; mend it\nresults in out\n", "servotwin: a.yaml: is odd; mend it"),
+    ],
+)
+def test_the_reason_of_a_failure_is_its_error_or_its_last_words(output: str, why: str) -> None:
+    assert EndedCommand("run a.yaml", 2, 0.0, output).problem == f"exit code 2: {why}"
