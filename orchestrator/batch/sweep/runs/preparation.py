@@ -14,6 +14,7 @@ from fmus import library
 from fmus.errors import ScenarioError, ServotwinError
 from fmus.files import RawMap, sha256
 from fmus.modelling.model import Model
+from fmus.words import listed
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.batch.sweep.points import resolving
 from orchestrator.batch.sweep.points.choosing import chosen
@@ -77,7 +78,9 @@ def prepared(file: Path) -> Iterator[PreparedSweep]:
         places = [FactorPlace(file, one.scenario, one.system) for one in systems]
         found = chosen(block, places)
         setup = _setup(block, file, found.space, systems)
-        study = PreparedSweep(file, block, setup, found.design, _identity(block, file, systems), _notes(systems))
+        study = PreparedSweep(
+            file, block, setup, found.design, _identity(block, file, systems), _notes(systems, setup.space)
+        )
         _check_size(study)
         _check_seen(study, systems)
         _check_columns(study)
@@ -203,11 +206,21 @@ def _check_columns(study: PreparedSweep) -> None:
             raise ScenarioError(place, problem, "give the measure another name, or ask for it once")
 
 
-def _notes(systems: Sequence[Wired]) -> list[str]:
+def _notes(systems: Sequence[Wired], space: Space) -> list[str]:
     left_out = dict.fromkeys(text for one in systems for text in one.left_out)
-    return [f"not judged, for it is no matter of the point: {text}" for text in left_out] + list(
-        dict.fromkeys(note for one in systems for note in one.scenario.notes)
-    )
+    return [
+        *(f"not judged, for it is no matter of the point: {text}" for text in left_out),
+        *_over_cases(systems, space),
+        *dict.fromkeys(note for one in systems for note in one.scenario.notes),
+    ]
+
+
+def _over_cases(systems: Sequence[Wired], space: Space) -> Iterator[str]:
+    """A line about each parameter that varies and that cases set to values of their own."""
+    cases = [case for one in systems for case in one.scenario.cases]
+    for factor in space.factors:
+        if own := [f"{case.values[factor.name]} in {case.name}" for case in cases if factor.name in case.values]:
+            yield f"{factor.name} varies, so its values in the cases do not count: {listed(own, between='; ')}"
 
 
 def _identity(block: SweepBlock, file: Path, systems: Sequence[Wired]) -> RawMap:

@@ -156,3 +156,11 @@ def test_info_tells_of_a_sweep_and_of_one_that_has_not_come_to_its_end(tmp_path:
     assert {"runs": 20, "points": 20, "failed": 0}.items() <= about(tmp_path / "out").items()
     (tmp_path / "out" / "summary.json").unlink()
     assert about(tmp_path / "out") == {"name": "sweep of falling.yaml", "unfinished": "20 of 20 runs", "failed": 0}
+
+
+def test_values_of_cases_that_do_not_count_since_they_vary_are_told(tmp_path: Path) -> None:
+    cases = [{"name": "low", "set": {"hand.angle_start": 0.3}}, {"name": "high"}]
+    result = sweep(study(tmp_path, {**FALLING, "cases": cases}), tmp_path / "out", Here())
+    told = "hand.angle_start varies, so its values in the cases do not count: 0.3 in low; 0.5 in high"
+    assert result.document["notes"] == [told]
+    assert result.column("e1")[0] == result.column("e1")[1]
