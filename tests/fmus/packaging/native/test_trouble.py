@@ -81,13 +81,18 @@ def test_a_sample_time_that_is_not_positive_is_an_error_and_not_a_loop(
 
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_model_exchange_checks_the_requirements_and_the_states_too(tmp_path: Path, fmi: int) -> None:
-    requirement = Requirement(lambda t, x, u, p: p.rate > 0, "the rate is not 100% positive")
-    path = native.build(unstable(requirements=(requirement,)), tmp_path / "u.fmu", fmi=fmi)
+    of_parameters = Requirement(lambda t, x, u, p: p.rate > 0, "the rate is not 100% positive")
+    of_states = Requirement(lambda t, x, u, p: x.a > 0, "a is not 100% positive")
+    path = native.build(unstable(requirements=(of_parameters, of_states)), tmp_path / "u.fmu", fmi=fmi)
     with opened(path, exchange=True) as fmu:
-        fmu.start(rate=-1.0)
+        with pytest.raises(FMICallException):
+            fmu.start(rate=-1.0)
+        assert fmu.log[-1] == (3, "logParameters", "unstable: rate = -1: the rate is not 100% positive")
+        fmu.fmu.reset()
+        fmu.start(a_start=-1.0)
         with pytest.raises(FMICallException):
             fmu.fmu.enterContinuousTimeMode()
-        assert fmu.log[-1][2] == "unstable: the rate is not 100% positive"
+        assert fmu.log[-1][2] == "unstable: a is not 100% positive"
         fmu.fmu.reset()
         fmu.start(a_start=math.inf)
         fmu.fmu.enterContinuousTimeMode()
