@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -106,24 +107,28 @@ def remarks(name: str, fmu: FmuFile, part: NestedPart) -> Iterator[str]:
 
 def _variables(fmu: FmuFile, role: Role) -> Iterator[NestedVariable]:
     """What is set or read; what of it is of a type that is not passed on is refused where it is needed."""
+    wanted = role.connected | role.recorded
+    arrays = {port.array.name for name, port in fmu.interface.ports.items() if port.array and name in wanted}
     for port in fmu.interface.ports.values():
-        given, read = port.name in role.values, port.name in role.connected | role.recorded
-        if _fits(port):
+        given, read = port.name in role.values, port.name in wanted or (port.array and port.array.name in arrays)
+        if _fits(port) and not (port.array and given and port.causality in ("output", "local")):
             kept = port.settable if port.causality == "parameter" else port.causality == "input" or read
             if kept:
                 yield _variable(port, role.values.get(port.name))
             if given and port.causality in ("output", "local"):
                 yield _start(port, role.values[port.name])
         elif given or port.name in role.connected:
-            what = "an element of an array" if port.array is not None else f"of type {port.type}"
+            array = "in an array that is computed, or has no start values"
+            what = array if port.array and port.type in KINDS else f"of type {port.type}"
             fix = f"leave it alone, or {_INSTEAD}"
             raise InputError(f"{role.place}: {port.name}", f"is {what}, which is not passed on inside", fix)
 
 
 def _fits(port: Port) -> bool:
-    name = port.name
+    name = port.array.name if port.array else port.name
     plain = len(name) <= _LONGEST and name.isprintable() and "=" not in name and name == name.strip()
-    return plain and port.array is None and port.type in KINDS
+    begins = port.array is None or port.array.starts is not None or port.causality not in ("parameter", "input")
+    return plain and begins and port.type in KINDS
 
 
 def _variable(port: Port, given: Value | None) -> NestedVariable:
@@ -158,7 +163,8 @@ def _made(
         port.minimum,
         port.maximum,
     )
-    return NestedVariable(shown, port.reference, inner)
+    size = 1 if port.array is None else 0 if port.element else math.prod(port.array.shape)
+    return NestedVariable(shown, port.reference, inner, size)
 
 
 def _numbered(variables: Iterable[NestedVariable]) -> Iterator[NestedVariable]:

@@ -186,14 +186,14 @@ def _fmu(interface: SystemInterface, part: NestedPart, own: Iterable[Exposed], n
     entries = []
     for inner, variable in zip(part.variables, own, strict=True):
         use = "DRIVEN" if variable.name in interface.sources else uses[variable.causality]
-        entries.append(f"{{{inner.reference}, {inner.kind}, {use}}}")
+        entries.append(f"{{{inner.reference}, {inner.kind}, {use}, {inner.size}}}")
     known = [f"&nested_fmi{part.fmi}", c_code.string(part.identifier), c_code.string(part.token)]
     known += [f"categories_{number}", str(int(part.saves)), str(int(part.once)), f"variables_{number}"]
     categories = ", ".join([*map(c_code.string, part.categories), "NULL"])
     return "\n".join(
         [
             f"static const char *const categories_{number}[] = {{{categories}}};",
-            _array(f"static const NestedVariable variables_{number}[]", [*entries, "{0, REAL_VALUE, GIVEN}"]),
+            _array(f"static const NestedVariable variables_{number}[]", [*entries, "{0, REAL_VALUE, GIVEN, 0}"]),
             f"static const NestedFmu fmu_{number} = {{{', '.join(known)}}};\n",
         ]
     )

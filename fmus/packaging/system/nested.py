@@ -23,11 +23,14 @@ class NestedVariable:
         shown: as the system describes it, by its name in its own FMU; the value reference is its place in the part.
         reference: its value reference in its own FMU.
         kind: of its values there, as nested.h calls it.
+        size: how many values are behind it: all of an array behind its first element, none behind the others, which
+            follow it.
     """
 
     shown: Exposed
     reference: int
     kind: str
+    size: int = 1
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from lxml import etree
 
+from fmus import library
 from fmus.errors import InputError, ModelError, ParametersRefused
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
@@ -103,6 +104,39 @@ def test_whole_numbers_truths_and_items_pass_and_names_may_be_anything(tmp_path:
     assert total[-1] == pytest.approx(0.25 * 0.01 * sum(7 + 15 * k for k in range(1, 101)))
     assert {*expected.outputs["a.odd"]} == {0.0, 1.0}
     assert_equal(fused(file, tmp_path, outer), expected)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_elements_of_arrays_of_fmi_3_pass_and_the_others_keep_what_they_have(tmp_path: Path, fmi: int) -> None:
+    """y = gain u by hand: one element of each is set, one is connected."""
+    arrays.build(tmp_path)
+    file = tmp_path / "products.yaml"
+    file.write_text(
+        "title: Products\n"
+        "components:\n  a: {fmu: arrays.fmu, parameters: {'gain[1,2]': 0.5}}\n  b: {fmu: arrays.fmu}\n"
+        "connections: ['3 * a.y[1] -> b.u[2]']\nstimuli: {'a.u[1]': {constant: 4}}\nrun: {stop: 1, step: 0.1}\n"
+        "record: ['a.y[1]', 'a.y[2]', 'b.y[1]', 'b.y[2]']\n"
+    )
+    expected = wired(file, 1.0)
+    assert [expected.outputs[name][-1] for name in ("a.y[1]", "a.y[2]", "b.y[1]", "b.y[2]")] == [5.0, 2.0, 1.0, 15.0]
+    path = fused(file, tmp_path, fmi)
+    assert_equal(path, expected)
+    write_back(path, {"b.gain[2,1]": 7.0}, tmp_path / "new.fmu")
+    with opened(tmp_path / "new.fmu") as fmu:
+        fmu.start(**{"a.u[1]": 4.0})
+        fmu.step(0.0, 0.1)
+        fmu.step(0.1, 0.1)
+        assert fmu.get("a.y[1]", "b.y[2]") == [5.0, 22.0]
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_model_with_matrices_as_an_fmu_inside_moves_as_it_does_wired(tmp_path: Path, fmi: int) -> None:
+    sizes = {"A": (2, 2), "B": (2, 1), "C": (1, 2), "x_start": (2,)}
+    targets.build(library.of_size(library.find("state_space"), sizes), tmp_path / "filter.fmu", target="native", fmi=3)
+    file = many_rates(tmp_path, ("    model: state_space\n", "    fmu: filter.fmu\n"))
+    expected = wired(file, 0.6)
+    assert np.ptp(expected.outputs["filter.y"]) > 0.5
+    assert_equal(fused(file, tmp_path, fmi), expected)
 
 
 def test_a_system_inside_of_a_system_moves_as_its_parts_do_and_is_shown(tmp_path: Path) -> None:
@@ -352,8 +386,8 @@ def test_what_cannot_be_inside_is_refused_by_its_place(tmp_path: Path) -> None:
     assert "components.a: text: is of type String, which is not passed on inside" in said
     said = refused(tmp_path, "{a: {fmu: arrays.fmu, parameters: {m: 3}}}")
     assert "components.a: m: sizes of arrays cannot be set inside" in said
-    said = refused(tmp_path, "{a: {fmu: arrays.fmu}}", "stimuli: {'a.u[1]': {constant: 1}}")
-    assert "components.a: u[1]: is an element of an array" in said
+    said = refused(tmp_path, "{a: {fmu: arrays.fmu, parameters: {'p_Float32[1]': 3}}}")
+    assert "components.a: p_Float32[1]: is of type Float32, which is not passed on inside" in said
 
 
 def test_a_python_fmu_inside_moves_where_there_is_python(tmp_path: Path) -> None:

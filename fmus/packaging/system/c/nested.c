@@ -90,32 +90,45 @@ static int is_written(const Nested *part, int place)
     return use == DRIVEN || (use == FREE && part->given[place]);
 }
 
+/* How many of the values of a variable, an array with all of them, are wanted. */
+static int wanted_of(const Nested *part, int first, int (*wanted)(const Nested *part, int place))
+{
+    int count = 0;
+    for (int place = first; place < first + part->fmu->variables[first].size; place++)
+        count += wanted(part, place);
+    return count;
+}
+
 static void gather(const Nested *part, Bundle *bundle, int (*wanted)(const Nested *part, int place))
 {
-    size_t n = 0;
+    size_t n = 0, references = 0;
     for (int kind = 0; kind < KINDS; kind++) {
         bundle->first[kind] = n;
+        bundle->first_reference[kind] = references;
         for (int place = 0; place < count_of(part); place++) {
             const NestedVariable *variable = &part->fmu->variables[place];
-            if ((int)variable->kind == kind && wanted(part, place)) {
-                bundle->references[n] = variable->reference;
-                bundle->places[n++] = place;
-            }
+            if ((int)variable->kind != kind || !wanted_of(part, place, wanted))
+                continue;
+            bundle->references[references++] = variable->reference;
+            for (int element = 0; element < variable->size; element++)
+                bundle->places[n++] = place + element;
         }
     }
     bundle->first[KINDS] = n;
+    bundle->first_reference[KINDS] = references;
 }
 
 static Status write_inputs(Nested *part)
 {
     const Bundle *to = &part->writes;
     for (int kind = 0; kind < KINDS; kind++) {
-        const size_t first = to->first[kind], end = to->first[kind + 1];
+        const size_t first = to->first[kind], end = to->first[kind + 1], reference = to->first_reference[kind];
         for (size_t i = first; i < end; i++)
             to->numbers[i] = part->values[to->places[i]];
         if (first < end && check(part,
-                                 part->fmu->functions->set(part, (Kind)kind, to->references + first, end - first,
-                                                           to->numbers + first),
+                                 part->fmu->functions->set(part, (Kind)kind, to->references + reference,
+                                                           to->first_reference[kind + 1] - reference,
+                                                           to->numbers + first, end - first),
                                  "set inputs", ""))
             return STATUS_ERROR;
     }
@@ -126,10 +139,11 @@ static Status read_outputs(Nested *part)
 {
     const Bundle *from = &part->reads;
     for (int kind = 0; kind < KINDS; kind++) {
-        const size_t first = from->first[kind], end = from->first[kind + 1];
+        const size_t first = from->first[kind], end = from->first[kind + 1], reference = from->first_reference[kind];
         if (first < end && check(part,
-                                 part->fmu->functions->get(part, (Kind)kind, from->references + first, end - first,
-                                                           from->numbers + first),
+                                 part->fmu->functions->get(part, (Kind)kind, from->references + reference,
+                                                           from->first_reference[kind + 1] - reference,
+                                                           from->numbers + first, end - first),
                                  "get outputs", ""))
             return STATUS_ERROR;
         for (size_t i = first; i < end; i++)
@@ -184,6 +198,8 @@ static Status load(Nested *part)
 
 static Status instantiate(Nested *part)
 {
+    for (int place = 0; place < count_of(part); place++)
+        part->values[place] = model_variables[system_parts[part->number].first + place].start;
     const Status status = part->fmu->functions->instantiate(part);
     if (status)
         nested_say(part, STATUS_ERROR, "cannot be instantiated");
@@ -298,6 +314,14 @@ static Status require_alive(Nested *part)
     return STATUS_ERROR;
 }
 
+/* The place of the first element of the array that an element belongs to; that of a scalar is its own. */
+static int first_of(const Nested *part, int place)
+{
+    while (!part->fmu->variables[place].size)
+        place--;
+    return place;
+}
+
 /* Inputs are written before a step; a parameter is set now. */
 static Status set_part(void *of, unsigned place, double value)
 {
@@ -313,7 +337,9 @@ static Status set_part(void *of, unsigned place, double value)
             gather(part, &part->writes, is_written);
         return STATUS_OK;
     }
-    const int status = part->fmu->functions->set(part, variable->kind, &variable->reference, 1, &value);
+    const int first = first_of(part, (int)place);
+    const int status = part->fmu->functions->set(part, variable->kind, &variable->reference, 1, part->values + first,
+                                                 (size_t)part->fmu->variables[first].size);
     return check(part, status, "set ", name_of(part, (int)place));
 }
 
@@ -328,10 +354,13 @@ static Status require_taken(Nested *part)
 {
     for (int place = 0; place < count_of(part); place++) {
         const NestedVariable *variable = &part->fmu->variables[place];
-        double found;
+        const int first = first_of(part, place);
+        double *all = part->writes.numbers; /* which are filled before each use */
         if (variable->use != GIVEN || !part->given[place])
             continue;
-        const int status = part->fmu->functions->get(part, variable->kind, &variable->reference, 1, &found);
+        const int status = part->fmu->functions->get(part, variable->kind, &variable->reference, 1, all,
+                                                     (size_t)part->fmu->variables[first].size);
+        const double found = all[place - first];
         if (check(part, status, "get ", name_of(part, place)))
             return STATUS_ERROR;
         if (!is_same(part->values[place], found)) {

@@ -17,6 +17,7 @@ typedef struct {
     unsigned reference; /* in the FMU itself */
     Kind kind;
     Use use;
+    int size; /* how many values are behind it: all of an array behind its first element, none behind others */
 } NestedVariable;
 
 typedef struct Nested Nested;
@@ -37,8 +38,8 @@ typedef struct {
     int (*enter)(Nested *part);
     int (*leave)(Nested *part);
     int (*terminate)(Nested *part);
-    int (*set)(Nested *part, Kind kind, const unsigned references[], size_t count, const double values[]);
-    int (*get)(Nested *part, Kind kind, const unsigned references[], size_t count, double values[]);
+    int (*set)(Nested *part, Kind kind, const unsigned references[], size_t count, const double values[], size_t n);
+    int (*get)(Nested *part, Kind kind, const unsigned references[], size_t count, double values[], size_t n);
     int (*step)(Nested *part, double time, double duration, Stop *stop);
     int (*save)(Nested *part, void **state);
     int (*restore)(Nested *part, void *state);
@@ -57,9 +58,9 @@ struct NestedFmu {
     const NestedVariable *variables;
 };
 
-/* Variables that are written or read together: those of a kind lie side by side. */
+/* Variables that are written or read together: those of a kind lie side by side, from these places on. */
 typedef struct {
-    size_t first[KINDS + 1];
+    size_t first[KINDS + 1], first_reference[KINDS + 1];
     unsigned *references;
     int *places;
     double *numbers;

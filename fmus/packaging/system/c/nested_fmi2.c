@@ -52,8 +52,10 @@ static int enter(Nested *part)
     return status > (int)fmi2Warning ? status : (int)functions_of(part)->EnterInitializationMode(part->instance);
 }
 
-static int set(Nested *part, Kind kind, const unsigned references[], size_t count, const double values[])
+/* There are no arrays: there are as many values as references. */
+static int set(Nested *part, Kind kind, const unsigned references[], size_t count, const double values[], size_t n)
 {
+    (void)n;
     fmi2Integer *numbers = (fmi2Integer *)part->scratch;
     if (kind == REAL_VALUE)
         CALL(SetReal, part->instance, references, count, values);
@@ -74,8 +76,9 @@ static int get_numbers(Nested *part, Kind kind, const unsigned references[], siz
     CALL(GetInteger, part->instance, references, count, numbers);
 }
 
-static int get(Nested *part, Kind kind, const unsigned references[], size_t count, double values[])
+static int get(Nested *part, Kind kind, const unsigned references[], size_t count, double values[], size_t n)
 {
+    (void)n;
     fmi2Integer *numbers = (fmi2Integer *)part->scratch;
     if (kind == REAL_VALUE)
         CALL(GetReal, part->instance, references, count, values);

@@ -39,9 +39,9 @@ static int enter(Nested *part)
 #define SET(Name, Number, convert)                                                                                     \
     do {                                                                                                               \
         Number *numbers = (Number *)part->scratch;                                                                     \
-        for (size_t i = 0; i < count; i++)                                                                             \
+        for (size_t i = 0; i < n; i++)                                                                             \
             convert;                                                                                                   \
-        CALL(Set##Name, part->instance, references, count, numbers, count);                                            \
+        CALL(Set##Name, part->instance, references, count, numbers, n);                                            \
     } while (0)
 
 #define WHOLE                                                                                                          \
@@ -52,7 +52,7 @@ static int enter(Nested *part)
         numbers[i] = number;                                                                                           \
     } while (0)
 
-static int set(Nested *part, Kind kind, const unsigned references[], size_t count, const double values[])
+static int set(Nested *part, Kind kind, const unsigned references[], size_t count, const double values[], size_t n)
 {
     if (kind == WHOLE_VALUE)
         SET(Int32, fmi3Int32, WHOLE);
@@ -60,20 +60,20 @@ static int set(Nested *part, Kind kind, const unsigned references[], size_t coun
         SET(Int64, fmi3Int64, WHOLE);
     if (kind == TRUTH_VALUE)
         SET(Boolean, fmi3Boolean, numbers[i] = values[i] != 0);
-    CALL(SetFloat64, part->instance, references, count, values, count);
+    CALL(SetFloat64, part->instance, references, count, values, n);
 }
 
 #define GET(Name, Number)                                                                                              \
     do {                                                                                                               \
         Number *numbers = (Number *)part->scratch;                                                                     \
         REQUIRE(Get##Name);                                                                                            \
-        const int status = (int)functions_of(part)->Get##Name(part->instance, references, count, numbers, count);      \
-        for (size_t i = 0; i < count; i++)                                                                             \
+        const int status = (int)functions_of(part)->Get##Name(part->instance, references, count, numbers, n);      \
+        for (size_t i = 0; i < n; i++)                                                                             \
             values[i] = (double)numbers[i];                                                                            \
         return status;                                                                                                 \
     } while (0)
 
-static int get(Nested *part, Kind kind, const unsigned references[], size_t count, double values[])
+static int get(Nested *part, Kind kind, const unsigned references[], size_t count, double values[], size_t n)
 {
     if (kind == WHOLE_VALUE)
         GET(Int32, fmi3Int32);
@@ -81,7 +81,7 @@ static int get(Nested *part, Kind kind, const unsigned references[], size_t coun
         GET(Int64, fmi3Int64);
     if (kind == TRUTH_VALUE)
         GET(Boolean, fmi3Boolean);
-    CALL(GetFloat64, part->instance, references, count, values, count);
+    CALL(GetFloat64, part->instance, references, count, values, n);
 }
 
 static int step(Nested *part, double time, double duration, Stop *stop)
