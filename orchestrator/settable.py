@@ -32,8 +32,8 @@ class Settable:
         """See that a value is of the variable's type and lies within the bounds.
 
         Raises:
-            FmuFileError: it is of another type, or no item of the enumeration.
-            WiringError: it is out of bounds, or would change the shapes of arrays.
+            WiringError: it is of another type, no item of the enumeration, out of bounds, or would change the shapes
+                of arrays.
         """
         name = f"{self.component}.{self.variable}"
         if not isinstance(value, str) and not math.isfinite(value):
@@ -71,8 +71,7 @@ def typed(system: System, values: Mapping[str, Value]) -> dict[str, Value]:
     """component.variable -> value in the type and unit of its variable.
 
     Raises:
-        FmuFileError: one is of another type.
-        WiringError: there is no such variable, or a unit is of another quantity.
+        WiringError: there is no such variable, a value is of another type, or a unit of another quantity.
     """
     return {name: settable(system, name).port.typed(name, value) for name, value in values.items()}
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from fmpy.model_description import ModelVariable
 
-from fmus.errors import FmuFileError
+from fmus.errors import WiringError
 from fmus.modelling.model import element_names
 from orchestrator.fmi.interface import Array, Port, Value
 
@@ -53,7 +53,7 @@ def sizes(place: object, ports: Sequence[Port], parameters: Mapping[str, Value])
         ports: those of the variables that dimensions refer to, and of all structural parameters.
 
     Raises:
-        FmuFileError: a structural parameter cannot have that value.
+        WiringError: a structural parameter cannot have that value.
     """
     original = {port.reference: int(port.start) for port in ports if port.start is not None}
     chosen = [port for port in ports if port.causality == "structuralParameter" and port.name in parameters]
@@ -66,7 +66,7 @@ def _checked(place: str, port: Port, value: Value) -> Value:
     low = -math.inf if port.minimum is None else port.minimum
     high = math.inf if port.maximum is None else port.maximum
     if not isinstance(typed, str) and not low <= typed <= high:
-        raise FmuFileError(place, f"is {typed}, outside its bounds [{low:g}, {high:g}]", "choose a value inside")
+        raise WiringError(place, f"is {typed}, outside its bounds [{low:g}, {high:g}]", "choose a value inside")
     return typed
 
 

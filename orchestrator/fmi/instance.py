@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from fmus.errors import FmuError, FmuFileError, ParametersRefused
+from fmus.errors import FmuError, FmuFileError, ParametersRefused, WiringError
 from fmus.modelling.instance import REFUSED
 from orchestrator.fmi import unpacked
 from orchestrator.fmi.component import Texts
@@ -356,7 +356,7 @@ class FmuInstance(Generic[A]):
             try:
                 status = self._group(name).write([value])
             except OverflowError as error:
-                raise FmuFileError(f"{self.name}.{name}", str(error), "choose a value inside") from None
+                raise WiringError(f"{self.name}.{name}", str(error), "choose a value inside") from None
             self._check(status, f"set {name} = {value}")
 
     def _require_taken(self, group: VariableGroup, given: Mapping[str, Value]) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from fmus import units
-from fmus.errors import FmuFileError
+from fmus.errors import WiringError
 from fmus.modelling.model import element
 from fmus.units import Unit
 from orchestrator.crossing import NamedUnit, crossing, quantity
@@ -149,7 +149,7 @@ class Port:
         """The value in the variable's type; an item of an enumeration by its name or number.
 
         Raises:
-            FmuFileError: it is of another type; the message names `place`.
+            WiringError: it is of another type; the message names `place`.
         """
         if self.type == "String":
             return str(value)
@@ -161,10 +161,10 @@ class Port:
             return self.quantity(place, value)
         if self.type == "Boolean":
             if value not in (0, 1):
-                raise FmuFileError(place, f"is a Boolean, not {value}", "give true or false")
+                raise WiringError(place, f"is a Boolean, not {value}", "give true or false")
             return bool(value)
         if isinstance(value, bool):
-            raise FmuFileError(place, f"cannot be {str(value).lower()}", f"give a {self.type}")
+            raise WiringError(place, f"cannot be {str(value).lower()}", f"give a {self.type}")
         return float(value) if self.type in _REAL else self._whole(place, value)
 
     def number(self, place: str, value: float | str) -> float:
@@ -178,19 +178,18 @@ class Port:
             difference: whether it is one between values, so that offsets of units do not count.
 
         Raises:
-            FmuFileError: it is no number with a unit, or the unit is not known.
-            WiringError: the unit is of another quantity.
+            WiringError: it is no number with a unit, or the unit is not known, or of another quantity.
         """
         found = quantity(text) if self.type in _REAL else None
         if found is None:
-            raise FmuFileError(place, f"cannot be '{text}'", f"give a {self.type}")
+            raise WiringError(place, f"cannot be '{text}'", f"give a {self.type}")
         number, name = found
         if name == self.unit:
             return number
         unit, own = self.meaning(name), self.measure
         if unit.unit is None or own.unit is None:
             unknown = f"'{name}' is no unit that is known" if unit.unit is None else "the variable has no unit"
-            raise FmuFileError(place, f"cannot be '{text}': {unknown}", "give a plain number")
+            raise WiringError(place, f"cannot be '{text}': {unknown}", "give a plain number")
         if difference:
             unit, own = unit.difference, own.difference
         return crossing(place, unit, own).conversion(number)
@@ -203,18 +202,18 @@ class Port:
         if not isinstance(value, bool) and value in items.values():
             return int(value)
         known = ", ".join(f"{name} ({number})" for name, number in items.items())
-        raise FmuFileError(
+        raise WiringError(
             place, f"cannot be '{value}'" if isinstance(value, str) else f"cannot be {value}", f"give {known}"
         )
 
     def _whole(self, place: str, value: float) -> int:
         if not math.isfinite(value) or int(value) != value:
-            raise FmuFileError(place, f"is of type {self.type}, {value} is not whole", "give a whole number")
+            raise WiringError(place, f"is of type {self.type}, {value} is not whole", "give a whole number")
         if match := _WHOLE.fullmatch(self.type):
             low = 0 if match[1] else -(1 << int(match[2]) - 1)
             high = low + (1 << int(match[2])) - 1
             if not low <= value <= high:
-                raise FmuFileError(
+                raise WiringError(
                     place, f"{value} does not fit into {self.type} ({low} to {high})", "choose a value inside"
                 )
         return int(value)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
 Scalar = float | int | bool | str
+_WORDS = ("String", "Enumeration")  # may hold spaces, so that those of an array are elements
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -141,6 +142,8 @@ def _parameter(entry: etree._Element, place: str) -> SsvParameter:
         raise FmuFileError(place, "has no value", "write it again")
     kind = str(typed.tag).removeprefix(SSV)
     sizes = [required(size, "size", place) for size in entry.iterfind(f"{SSC}Dimension")]
+    if kind == "Binary":
+        raise FmuFileError(place, "is a Binary, which cannot be set", "remove it")
     try:
         values, shape = tuple(_values(typed, kind)), tuple(map(int, sizes))
     except (ValueError, KeyError):
@@ -148,7 +151,9 @@ def _parameter(entry: etree._Element, place: str) -> SsvParameter:
     if not shape and len(values) != 1:
         shape = (len(values),)
     if math.prod(shape) != len(values):
-        raise FmuFileError(place, f"has {len(values)} values for {math.prod(shape)} elements", "write the set again")
+        each = kind in _WORDS and typed.get("value") is not None
+        fix = f"give each as a `Value` within `{kind}`, since one may hold spaces" if each else "write the set again"
+        raise FmuFileError(place, f"has {len(values)} values for {math.prod(shape)} elements", fix)
     return SsvParameter(values if shape else values[0], typed.get("unit"), shape)
 
 
@@ -158,7 +163,7 @@ def _values(typed: etree._Element, kind: str) -> Iterator[Scalar]:
     Raises:
         ValueError, KeyError: one is not of the type.
     """
-    if kind in ("String", "Enumeration"):
+    if kind in _WORDS:
         single = typed.get("value")
         yield from (one.attrib["value"] for one in typed.iterfind("{*}Value")) if single is None else [single]
         return

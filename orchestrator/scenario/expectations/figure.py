@@ -44,7 +44,7 @@ class FigureBounds(Block):
         """The same in the unit that figures of this dimension have, for a signal where it is made of its unit.
 
         Raises:
-            FmuFileError, WiringError: as `number`.
+            WiringError: as `number`.
         """
         given = {name: getattr(self, name) for name in ("at_least", "at_most", "near", "within")}
         return self.model_copy(

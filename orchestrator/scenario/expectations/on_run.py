@@ -158,7 +158,7 @@ def plain(block: FigureBounds, base: Path) -> FigureBounds:
     """Bounds as plain numbers; a manifest is relative to `base`.
 
     Raises:
-        FmuFileError, WiringError: a bound has a unit that does not fit.
+        WiringError: a bound has a unit that does not fit.
     """
     if isinstance(block, ProcessorTimeBlock):
         block = block.beside(base)

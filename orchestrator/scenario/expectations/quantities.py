@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import BeforeValidator, Field
 
-from fmus.errors import FmuFileError, WiringError
+from fmus.errors import WiringError
 from fmus.unit_table import TURN
 from fmus.units import SECOND
 from orchestrator.crossing import NamedUnit, crossing, named, quantity
@@ -39,7 +39,7 @@ class Dimension(StrEnum):
         """The number that is meant for a figure of a signal, or for a difference of two.
 
         Raises:
-            FmuFileError, WiringError: as `number`.
+            WiringError: as `number`.
         """
         if self is Dimension.FREQUENCY:
             return frequency(place, value)
@@ -89,15 +89,14 @@ def number(place: str, value: Number, unit: NamedUnit, difference: bool = False)
         difference: whether it is one between values, so that offsets of units do not count.
 
     Raises:
-        FmuFileError: a text is no number with a unit that is known.
-        WiringError: the unit is of another quantity.
+        WiringError: a text is no number with a unit that is known, or that of another quantity.
     """
     if not isinstance(value, str):
         return value
     found = quantity(value)
     own = named(found[1]) if found else NamedUnit()
     if found is None or own.unit is None or unit.unit is None:
-        raise FmuFileError(place, f"cannot be '{value}': no unit that is known on both sides", "give a plain number")
+        raise WiringError(place, f"cannot be '{value}': no unit that is known on both sides", "give a plain number")
     return crossing(place, own.difference if difference else own, unit).conversion(found[0])
 
 
@@ -115,7 +114,7 @@ def _reading(unit: str, read: Callable[[str, Number], float], example: str) -> B
             return value
         try:
             return read("it", value)
-        except (FmuFileError, WiringError) as error:
+        except WiringError as error:
             raise ValueError(f"'{value}' is no quantity in {unit}") from error
 
     text = Annotated[Quantity, Field(examples=[example])]
@@ -138,7 +137,7 @@ def brought(block: B, place: str, port: Port) -> B:
     """A block whose levels and distances are numbers in the unit of the signal.
 
     Raises:
-        FmuFileError, WiringError: as `number`.
+        WiringError: as `number`.
     """
     found = {}
     for name, field in type(block).model_fields.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmus.errors import FmuFileError, TraceError
+from fmus.errors import TraceError, WiringError
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import Trace
@@ -38,7 +38,7 @@ def test_values_that_an_input_cannot_take_are_refused_and_not_rounded(
     driven, _ = Stimulus(Trace(np.arange(3.0), {"u": np.array(good)}, name="log")).brought("c.n", port)
     assert driven.values(np.arange(3.0), "c.n").tolist() == np.rint(good).tolist()
     for source in (Trace(np.arange(3.0), {"u": np.array([*good[:2], bad])}, name="log"), bad):
-        with pytest.raises(FmuFileError, match=problem):
+        with pytest.raises(WiringError, match=problem):
             Stimulus(source).brought("c.n", port)
 
 

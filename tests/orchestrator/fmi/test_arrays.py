@@ -172,9 +172,12 @@ def test_options_give_arrays_whole_and_as_the_type_of_the_variable_has_it(path: 
         ),
     ],
 )
-def test_values_that_do_not_fit_are_refused_by_name(path: Path, tmp_path: Path, parameters: str, problem: str) -> None:
+def test_values_that_do_not_fit_are_refused_by_file_and_name(
+    path: Path, tmp_path: Path, parameters: str, problem: str
+) -> None:
     text = f"components:\n  c: {{fmu: {path}, parameters: {parameters}}}\n"
-    assert problem in refusal(lambda: run_scenario(scenario(tmp_path, text)))
+    told = refusal(lambda: run_scenario(scenario(tmp_path, text)))
+    assert problem in told and told.startswith(f"{tmp_path / 'arrays.yaml'}")
 
 
 def test_a_size_is_the_same_in_all_cases(path: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from fmus.errors import ScenarioError, WiringError
+from fmus.errors import InputError, ScenarioError, WiringError
 from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.document import imported
 from tests.support.simulation.ssps import (
@@ -150,6 +150,22 @@ def test_sets_and_mappings_in_files_and_prefixes_are_taken(tmp_path: Path) -> No
     assert found.document["components"]["a"]["parameters"] == {"k": 6.5, "b": 2.0}
     said = " ".join(found.notes)
     assert "'a.gone', which is not in the set" in said and "'a.unused' is not mapped" in said
+
+
+def test_items_and_texts_of_an_array_are_elements_of_their_own(tmp_path: Path) -> None:
+    def given(value: str) -> Path:
+        two = f'{value}<ssc:Dimension size="2"/>'
+        whole = system([component("a")], after=bindings(values({"a.mode": two})))
+        return archive(tmp_path / "a.ssp", whole, version="2.0")
+
+    for kind in ("Enumeration", "String"):
+        said = rf"a\.mode: has 1 values for 2 elements; give each as a `Value` within `{kind}`"
+        with pytest.raises(InputError, match=said):
+            imported(given(f'<ssv:{kind} value="fast slow"/>'))
+    each = '<ssv:Enumeration><ssv:Value value="fast"/><ssv:Value value="slow"/></ssv:Enumeration>'
+    assert parameters(given(each)) == {"a.mode": ["fast", "slow"]}
+    with pytest.raises(InputError, match=r"a\.mode: is a Binary, which cannot be set; remove it"):
+        imported(given('<ssv:Binary value="00"/>'))
 
 
 def test_a_name_that_matches_nothing_is_told(tmp_path: Path) -> None:

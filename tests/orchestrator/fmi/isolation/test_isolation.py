@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmus.errors import FmuError, FmuFileError, InputError, ServotwinError
+from fmus.errors import FmuError, InputError, ServotwinError, WiringError
 from fmus.packaging import targets
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.engine import CycleSettings, Simulation, Timing
@@ -182,7 +182,7 @@ TROUBLES: list[tuple[dict[str, Any], type, str]] = [
     ({"step": 3}, FmuError, "fmu: step from t = 0 s by 0.1 s: returned error (step said 3, 2.500 times no)"),
     ({"exit": 4}, FmuError, "fmu: initialise: returned fatal error (exit said 4, 2.500 times no)"),
     ({"stubborn": 2.0}, FmuError, "fmu.stubborn: was set to 2.0 but is 1.0; the FMU does not take it; remove it or"),
-    ({"stubborn": "much"}, FmuFileError, "fmu.stubborn: cannot be 'much'; give a Real"),
+    ({"stubborn": "much"}, WiringError, "fmu.stubborn: cannot be 'much'; give a Real"),
 ]
 
 
