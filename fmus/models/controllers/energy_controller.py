@@ -6,6 +6,8 @@ Lemma 8 excludes the energies of the two equilibria, 0 and 2 p3: from there, or 
 rest the feedback is zero for ever). The text joins the two conditions by "or"; both must hold.
 """
 
+import math
+
 from . import Model, Requirement, State, input_, ops, output, parameter
 
 
@@ -42,7 +44,14 @@ MODEL = Model(
         parameter("p3", "N.m", 0.04905, "Weight times distance of the centre of mass", minimum=1e-12),
         parameter("p4", "N.m/V", 10.0, "Torque per volt"),
         parameter("gain", "V.s/(rad.J)", 0.1, "Energy feedback (gamma)", minimum=0),
-        parameter("amplitude", "rad", 1.0, "Largest inclination of the wanted oscillation (theta_max)"),
+        parameter(
+            "amplitude",
+            "rad",
+            1.0,
+            "Largest inclination of the wanted oscillation (theta_max)",
+            minimum=0,
+            maximum=math.pi,
+        ),
         parameter("equilibrium_angle", "rad", 0.0, "Angle of the downward equilibrium"),
         parameter("sample_time", "s", 0.005, "Sample period", minimum=1e-6),
         parameter("voltage_limit", "V", 1e6, "Largest voltage, either sign", minimum=0),

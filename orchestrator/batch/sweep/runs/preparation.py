@@ -216,11 +216,13 @@ def _notes(systems: Sequence[Wired], space: Space) -> list[str]:
 
 
 def _over_cases(systems: Sequence[Wired], space: Space) -> Iterator[str]:
-    """A line about each parameter that varies and that cases set to values of their own."""
+    """A line about each parameter that varies and that differs from case to case in the scenario."""
     cases = [case for one in systems for case in one.scenario.cases]
     for factor in space.factors:
-        if own := [f"{case.values[factor.name]} in {case.name}" for case in cases if factor.name in case.values]:
-            yield f"{factor.name} varies, so its values in the cases do not count: {listed(own, between='; ')}"
+        own = {case.name: case.values[factor.name] for case in cases if factor.name in case.values}
+        if len(set(own.values())) > 1:
+            told = [f"{value} in {name}" for name, value in own.items()]
+            yield f"{factor.name} varies, so its values in the cases do not count: {listed(told, between='; ')}"
 
 
 def _identity(block: SweepBlock, file: Path, systems: Sequence[Wired]) -> RawMap:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus import library
+from fmus.errors import ModelError
 from fmus.modelling.instance import Instance, StepError
+from fmus.packaging import targets
 from orchestrator.trace import FloatArray
 
 CONTROLLER, PENDULUM = library.find("energy_controller"), library.find("pendulum")
@@ -122,3 +125,10 @@ def test_energy_error_decays_as_equation_114_predicts(start: float) -> None:
 def test_the_oscillation_reaches_the_wanted_amplitude_from_inside_and_outside(start: float) -> None:
     energy = closed_loop(start, 1.2, 0.2, 15.0, 0.005)[:, 2]
     assert energy[-400:] == pytest.approx(P3 * (1 - math.cos(1.2)), rel=0.02)
+
+
+def test_an_amplitude_of_more_than_half_a_turn_is_refused_for_it_would_be_taken_for_a_smaller_one(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(ModelError, match=r"amplitude.*4.*bounds"):
+        targets.build("energy_controller", tmp_path / "controller.fmu", target="python", parameters={"amplitude": 4.0})
