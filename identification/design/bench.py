@@ -30,7 +30,7 @@ from identification.output_error.search.free_run import FreeRun, Tally
 from identification.output_error.search.problem import Problem
 from identification.output_error.simulator import FreeRuns
 from identification.output_error.times.spans import at_most
-from identification.output_error.windows import FreeRunWindow, cut_windows
+from identification.output_error.windows import FreeRunWindow, counted, cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.engine import Run, Simulation
@@ -242,7 +242,7 @@ class DesignBench:
             self._scale = np.sqrt(self._noise(windows)[1].autocovariance[:, 0])
         rows, noise = self._noise([replace(window, weight=1 / self._scale) for window in windows])
         curvature = np.sum([one.T @ one for one in rows.slopes], axis=0)
-        scatter = np.sum([one.T @ noise.times(one) for one in rows.slopes], axis=0)
+        scatter = np.sum([one.T @ noise.times(one) for one in rows.slopes], axis=0) * counted(windows)
         deviation = np.sqrt(noise.autocovariance[:, 0]) * self._scale
         return Tried(values, whole, recording, rows, curvature, scatter, deviation)
 

@@ -61,6 +61,12 @@ class Covariance(ReadOnlyArrays):
         """(n, n) by the chosen method."""
         return self.matrices[self.method]
 
+    def repeated(self, times: float) -> Covariance:
+        """The same where each sample is in so many windows: what scatters there is the same noise again."""
+        matrices = {method: matrix * times for method, matrix in self.matrices.items()}
+        freedom = max(round(self.freedom / times), 1)
+        return replace(self, matrices=matrices, freedom=freedom, stretch=self.stretch * times)
+
     @property
     def is_white(self) -> bool:
         """True when no output's residuals are rejected as white."""

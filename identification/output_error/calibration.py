@@ -26,7 +26,7 @@ from identification.output_error.shooting.states import SettableState, states
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy, WindowSpec
-from identification.output_error.windows import FreeRunWindow, evenly_weighed, length_warnings, weighed
+from identification.output_error.windows import FreeRunWindow, counted, evenly_weighed, length_warnings, weighed
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
 from identification.results import GROUPS
@@ -328,7 +328,7 @@ def _problem(
         InitialState(name, tuple(window.initial[name] for window in windows), estimated=spec.estimated)
         for name, spec in study.run.initial.items()
     )
-    return Problem(parameters, tuple(windows), study.outputs, states, loss, study.grouped)
+    return Problem(parameters, tuple(windows), study.outputs, states, loss, study.grouped, counted(windows))
 
 
 def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:

@@ -16,7 +16,7 @@ from identification.output_error.choice.criteria import Misfit
 from identification.output_error.choice.ranking import ranked
 from identification.output_error.search.options import IntervalOptions
 from identification.output_error.study import OutputErrorStudy
-from identification.output_error.windows import weighed
+from identification.output_error.windows import counted, weighed
 from identification.recordings.campaign import StudyTrace, TraceSource, load_campaign
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
@@ -158,16 +158,16 @@ def _misfit(calibration: Calibration, columns: Sequence[int]) -> Misfit:
     windows = weighed(study, calibration.train.windows)
     left = [window.weight * residual for window, residual in zip(windows, found.residuals, strict=True)]
     moved = [window.weight * (window.measured - window.measured.mean(axis=0)) for window in windows]
-    counted = [
+    misfits = [
         2
         * study.loss.cost([one[:, i] for one in left])
         / max(float(np.sum(_column(moved, i) ** 2)), np.finfo(float).tiny)
         for i in columns
     ]
-    samples = np.array([len(_column(left, i)) for i in columns], dtype=float)
+    samples = np.array([len(_column(left, i)) for i in columns]) / counted(windows)
     unknowns = len(found.free) + len(found.initial_std) * len(windows)
     each = np.array([found.noise[i].samples_each for i in columns])
-    return Misfit(np.array(counted), samples, each, unknowns)
+    return Misfit(np.array(misfits), samples, each, unknowns)
 
 
 def _column(windows: Sequence[FloatArray], column: int) -> FloatArray:

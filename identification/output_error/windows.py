@@ -344,6 +344,15 @@ def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
     return spec.conversion.factor * polynomial.deriv(spec.derivative) + spec.conversion.offset
 
 
+def counted(windows: Sequence[FreeRunWindow]) -> float:
+    """How many of these windows an instant is in that is in any, on average; 1 where none overlap."""
+    covered = 0.0
+    for trace in {window.trace for window in windows}:
+        own = [(window.start, window.start + float(window.stop)) for window in windows if window.trace == trace]
+        covered += float(np.diff(union(np.array(own, np.float64))).sum())
+    return max(round(float(sum(window.stop for window in windows)) / covered, 9), 1.0)
+
+
 def evenly_weighed(windows: Sequence[FreeRunWindow]) -> list[FreeRunWindow]:
     """Windows to be judged: weights by the spread of each output, 1 for one that rests in all of them."""
     spread = np.concatenate([window.measured for window in windows]).std(axis=0)

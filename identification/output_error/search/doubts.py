@@ -15,6 +15,7 @@ from identification.output_error.search.problem import Problem
 
 _LITTLE = 0.1  # of a prior's variance, taken away: less is little
 _CONTRADICTED = 3.0  # standard deviations of a prior
+_SHARED = 0.01  # of the samples, in more than one window: less is a rounded end
 
 
 def doubts(problem: Problem, result: Estimate) -> list[str]:
@@ -36,6 +37,7 @@ def doubts(problem: Problem, result: Estimate) -> list[str]:
         if lost and parameter.name not in told:
             factor = f"a factor of {math.exp(VAGUE):g} either way"
             warnings.append(f"{parameter.name} is not determined: its 95 % interval would reach over {factor}")
+    warnings += _overlap(problem, result)
     warnings += _misfit(problem.outputs, len(problem.windows), result.uncertainty)
     warnings += _coarse(result)
     if result.tally.failures:
@@ -63,6 +65,18 @@ def _misfit(outputs: Sequence[str], windows: int, uncertainty: Covariance) -> li
         "truth, which may lie many half-widths outside",
         how,
     ]
+
+
+def _overlap(problem: Problem, result: Estimate) -> list[str]:
+    """That windows share samples, and what intervals make of it."""
+    if problem.counted <= 1 + _SHARED or result.uncertainty.method == "none":
+        return []
+    so = (
+        "a bootstrap draws them as independent ones, so that its intervals are too narrow: let `every` be `length`"
+        if result.intervals.by == "bootstrap"
+        else f"intervals are {math.sqrt(problem.counted):.2g} times as wide as if these were independent"
+    )
+    return [f"windows overlap, a sample is in {problem.counted:.2g} of them on average: {so}"]
 
 
 def _only_known(combination: Combination, result: Estimate) -> str:

@@ -59,6 +59,7 @@ class Problem:
         initial_states: one start value a window each, fixed or estimated.
         loss: of the weighted residuals; the robust ones bend at `loss.scale`.
         grouped: parameters with a value of their own in each group of traces.
+        counted: how many windows a sample is in, on average over all samples; more than 1 where windows overlap.
 
     Raises:
         IdentificationError: names, windows and start values do not fit together.
@@ -70,6 +71,7 @@ class Problem:
     initial_states: tuple[InitialState, ...] = ()
     loss: Loss = LEAST_SQUARES
     grouped: tuple[Grouped, ...] = ()
+    counted: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "windows", tuple(self.windows))

@@ -45,6 +45,7 @@ def spoken(work: Work, found: Minimum) -> Spoken:
     blocks, remarks = _linearised(work, found.at)
     before = run.before(found.at.point) if problem.parameters.is_known_of else None
     uncertainty = covariance(blocks, problem.loss, len(problem.outputs), problem.rounding, before, work.reached.noise)
+    uncertainty = uncertainty.repeated(problem.counted)
     seen = _seen(work, found.at, blocks)
     told = information(blocks, uncertainty.curvature, len(problem.outputs))
     by = work.options.intervals.by

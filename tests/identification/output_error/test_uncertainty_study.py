@@ -154,6 +154,12 @@ def test_a_bootstrap_says_what_it_drew(tmp_path: Path, data: Path) -> None:
     drawn = summary["uncertainty"]["bootstrap"]
     assert (drawn["resamples"], drawn["seed"], drawn["kind"]) == (200, 3, "bca")
     assert summary["uncertainty"]["intervals"] == "bootstrap"
+    assert any("a bootstrap draws them as independent ones" in warning for warning in summary["warnings"])
+
+
+def test_intervals_of_windows_that_overlap_are_told_to_allow_for_that(tmp_path: Path, data: Path) -> None:
+    summary, _ = calibrated(tmp_path, data, windows={"length": 0.4, "every": 0.1})
+    assert any("a sample is in 2.8 of them on average: intervals are 1.7" in warning for warning in summary["warnings"])
 
 
 def test_every_key_of_an_output_error_study_is_explained() -> None:

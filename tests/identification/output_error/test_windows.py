@@ -17,7 +17,7 @@ from fmus.errors import TraceError, WiringError
 from fmus.units import Conversion
 from identification.output_error.study import StartSpec
 from identification.output_error.times.delays import KnownDelay
-from identification.output_error.windows import FreeRunWindow, cut_windows, evenly_weighed, start_curve
+from identification.output_error.windows import FreeRunWindow, counted, cut_windows, evenly_weighed, start_curve
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import noted
 from orchestrator.fmi.interface import Port
@@ -60,6 +60,14 @@ def spoilt(value: float) -> FloatArray:
 def test_windows_lie_back_to_back_by_default_until_the_trace_ends() -> None:
     assert starts(recorded(EVEN), length=3) == [0, 3, 6]
     assert starts(recorded(EVEN), length=2.5) == [0, 2.5, 5, 7.5]
+
+
+@given(length=st.integers(1, 9), every=st.integers(1, 9), most=st.integers(1, 9))
+def test_windows_count_samples_as_often_as_they_hold_them(length: int, every: int, most: int) -> None:
+    cut = cuts(recorded(EVEN), length=length, every=every, most=most)
+    held = {second for window in cut for second in range(int(window.start), int(window.start) + length)}
+    assert counted(cut) == pytest.approx(len(cut) * length / len(held))
+    assert every < length or counted(cut) == 1
 
 
 def test_skip_every_and_most_are_what_they_say() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from identification.estimation.parameters import Parameter
 from identification.output_error.search.doubts import parameter_warnings
 from identification.output_error.search.estimator import estimate
 from tests.support.identification.closed_form import Oscillator
-from tests.support.identification.decays import decays
+from tests.support.identification.decays import TIGHT, decays
 
 
 class Once(Oscillator):
@@ -44,3 +46,19 @@ def test_an_estimate_is_hardly_determined_when_its_standard_deviation_exceeds_it
     """An infinite deviation is told by what is not seen at all."""
     told = parameter_warnings(Parameter("rig.gain", 1.0), value, share * abs(value))
     assert any("rig.gain is hardly determined" in warning for warning in told) == warned
+
+
+@pytest.mark.parametrize("count", [4, 20])
+def test_windows_that_are_there_twice_leave_intervals_as_wide_and_that_is_told(count):
+    """Of four windows noise is white by a model, of twenty it would be judged by windows were it not white."""
+    once = decays(count, noise=0.02, seed=5)
+    states = tuple(replace(state, start=state.start * 2) for state in once.initial_states)
+    twice = replace(once, windows=once.windows * 2, initial_states=states, counted=2.0)
+    alone, both = (estimate(problem, Oscillator, TIGHT) for problem in (once, twice))
+    for name in once.parameters.names:
+        assert both.values[name] == pytest.approx(alone.values[name], rel=1e-4)
+        assert both.std[name] == pytest.approx(alone.std[name], rel=0.02)
+        assert np.diff(both.ci95[name]) == pytest.approx(np.diff(alone.ci95[name]), rel=0.02)
+    told = "windows overlap, a sample is in 2 of them on average: intervals are 1.4 times as wide"
+    assert any(warning.startswith(told) for warning in both.warnings)
+    assert not any("overlap" in warning for warning in alone.warnings)
