@@ -20,7 +20,6 @@ import pytest
 from orchestrator import formats
 from orchestrator.bridge.bus.keeper_process import apart
 from orchestrator.can.slcan.hub import Hub, hub_process
-from orchestrator.live.beside import beside
 from tests.support.can.coupling_samples import DBC, frame, sample_database
 from tests.support.can.mapped import couple
 from tests.support.can.wiring import BITRATE, HANG, command, joined, settings, wait_for
@@ -184,31 +183,14 @@ def test_any_number_of_signals_leaves_the_safe_value_and_the_result(tmp_path: Pa
     assert bridge.returncode == 130
 
 
-@contextmanager
-def flooded(port: Path) -> Iterator[None]:
-    """A node of the highest priority that leaves the bus to nobody."""
-    with joined(port) as bus:
-        line = b"t0018FFFFFFFFFFFFFFFF\r"
-
-        def flood(over: threading.Event) -> None:
-            while not over.is_set():
-                with suppress(BlockingIOError):
-                    os.write(bus.serialPortOrig.fd, line * 8)
-                while bus.recv(0.0) is not None:
-                    pass
-                time.sleep(0.001)
-
-        with beside(flood, "flood"):
-            yield
-
-
 def test_safe_values_are_the_first_that_goes_when_a_full_bus_has_room(tmp_path: Path) -> None:
     with driving(tmp_path) as (bridge, peer, hub):
-        with flooded(hub.paths[2]):
-            time.sleep(2.5)
-            bridge.terminate()
-            _, complaints = bridge.communicate(timeout=HANG)
-            seen = len(peer.commands)
+        hub.fill(2)
+        time.sleep(2.5)
+        bridge.terminate()
+        _, complaints = bridge.communicate(timeout=HANG)
+        seen = len(peer.commands)
+        hub.spare(2)
         wait_for(lambda: len(peer.commands) > seen)
         time.sleep(0.5)
         assert set(peer.commands[seen:]) == {1.0}
