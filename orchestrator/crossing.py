@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 
 from typing_extensions import TypedDict
 
@@ -140,6 +141,23 @@ def quantity(text: str) -> tuple[float, str] | None:
     """Number and unit of a text like `3000 rpm`; None where it is not one."""
     match = _QUANTITY.fullmatch(text)
     return None if match is None else (float(match[1]), match[2])
+
+
+def taken(place: str, number: float, source: NamedUnit, target: NamedUnit) -> float:
+    """What somebody's number with a unit is in another unit; what is doubtful of that is told, once in a process.
+
+    Raises:
+        WiringError: as `crossing`.
+    """
+    how = crossing(place, source, target)
+    if how.doubtful:
+        _told_once(str(how))
+    return how.conversion(number)
+
+
+@cache
+def _told_once(text: str) -> None:
+    LOG.warning("%s", text)
 
 
 def notes(documents: Iterable[CrossingDocument]) -> list[str]:

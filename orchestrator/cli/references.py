@@ -108,6 +108,7 @@ def compare(
     from orchestrator.comparison import telling
     from orchestrator.comparison.comparison import Tolerance
     from orchestrator.comparison.vocabulary import compare as compared
+    from orchestrator.crossing import notes
     from orchestrator.results import check_target
 
     files = [Path(one), Path(other)]
@@ -126,14 +127,16 @@ def compare(
         step=step,
         bar=terminal.bar,
     )
+    document = telling.document_of(found)
     shown: list[Listing | str] = [f"note: {line}" for line in (*found.notes, *found.interface)]
+    shown += notes(document["units"]) if not terminal.verbose else []  # the log has them, too
     shown.append(Listing(telling.HEADERS, list(telling.rows(found)), figures=True))
     shown += [drawing] if (drawing := telling.drawn(found)) else []
     shown.append(telling.sentence(found))
     if out is not None:
         telling.write(found, out, files)
         shown.append(f"curves in {out / 'report.html'}")
-    return Answer(telling.document_of(found), shown, found.agree)
+    return Answer(document, shown, found.agree)
 
 
 def _halves(option: str, text: str) -> tuple[str, str]:

@@ -11,7 +11,7 @@ import numpy as np
 from fmus.errors import InputError, TraceError
 from orchestrator.comparison.sides import Side
 from orchestrator.crossing import Crossing, crossing, logged, named, quantity
-from orchestrator.measures import Parting, partings
+from orchestrator.measures import Parting, partings, together
 from orchestrator.trace import Trace
 
 ABSOLUTE, RELATIVE = 1e-9, 1e-6
@@ -112,8 +112,9 @@ def compare_sides(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
             raise TraceError(one.name, f"has no signal of {other.name} (case {name}): {held}", fix)
         notes += _alone(name, one.name, a, b) + _alone(name, other.name, b, a) + _durations(name, one, other, a, b)
         ours, theirs = _alike(a.select(signals), b.select(signals))
-        converted, crossed = _converted(ours, theirs)
+        converted, crossed = _converted(ours, theirs, other.name)
         crossings += crossed
+        notes += _unheld(name, one, other, ours, converted)
         if text := next((own for own in tolerance.within if own in ours.texts), None):
             raise InputError(f"--within {text}", "is text, of which nothing is tolerated", "leave it out")
         tolerances = {own: 0.0 if own in ours.texts else tolerance.of(own, ours, converted) for own in signals}
@@ -155,6 +156,23 @@ def _durations(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[st
     return [f"case {case}: compared where both are: {words}"]
 
 
+def _unheld(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[str]:
+    """What is not held against each other as it stands: between stamps of both, and where neither has a number."""
+    ours, theirs = together(a, b)
+    if not len(ours):
+        return []
+    begin, end = ours.time[0], ours.time[-1]
+    own = [int(np.count_nonzero((side.time >= begin) & (side.time <= end))) for side in (a, b)]
+    stamps = f"{one.name} has {own[0]}, {other.name} {own[1]}"
+    if len(ours) < min(own):
+        told = [f"case {case}: compared at the {len(ours)} stamps of both; {stamps}"]
+    else:
+        told = [f"case {case}: compared on lines between their stamps; {stamps}"] if len(ours) > max(own) else []
+    empty = {name: int(np.count_nonzero(np.isnan(ours[name]) & np.isnan(theirs[name]))) for name in ours.names}
+    lacking = (f"case {case}: {name} has no number on either side at {n} stamps" for name, n in empty.items() if n)
+    return [*told, *lacking]
+
+
 def _alike(one: Trace, other: Trace) -> tuple[Trace, Trace]:
     """Both with the same numbers for the same texts.
 
@@ -176,10 +194,10 @@ def _numbered(trace: Trace, texts: Mapping[str, tuple[str, ...]]) -> Trace:
     return Trace(trace.time, signals, trace.units, trace.name, texts)
 
 
-def _converted(one: Trace, other: Trace) -> tuple[Trace, list[Crossing]]:
+def _converted(one: Trace, other: Trace, place: str) -> tuple[Trace, list[Crossing]]:
     """The other trace in the units of the first, and how it got there."""
     numbers = other.numbers.names
-    crossings = [crossing(name, named(other.unit(name)), named(one.unit(name))) for name in numbers]
+    crossings = [crossing(f"{place}: {name}", named(other.unit(name)), named(one.unit(name))) for name in numbers]
     signals = dict(other.signals)
     signals |= {name: how.conversion(other[name]) for name, how in zip(numbers, crossings, strict=True)}
     units = {name: unit for name in other.names if (unit := one.unit(name) or other.unit(name))}

@@ -11,7 +11,7 @@ from fmus import units
 from fmus.errors import WiringError
 from fmus.modelling.model import element
 from fmus.units import Unit
-from orchestrator.crossing import NamedUnit, crossing, quantity
+from orchestrator.crossing import NamedUnit, quantity, taken
 from orchestrator.fmi.clocks.declared import Clock
 
 Value = float | int | bool | str
@@ -192,7 +192,7 @@ class Port:
             raise WiringError(place, f"cannot be '{text}': {unknown}", "give a plain number")
         if difference:
             unit, own = unit.difference, own.difference
-        return crossing(place, unit, own).conversion(number)
+        return taken(place, number, unit, own)
 
     def _item(self, place: str, value: Value) -> int:
         """The number of an enumeration's item."""

@@ -14,7 +14,7 @@ from orchestrator.measures.harmonics import harmonic_amplitudes, total_harmonic_
 from orchestrator.measures.integrals import effort, iae, ise, itae, mean, rms
 from orchestrator.measures.limit_cycle import SteadyOscillation, limit_cycle
 from orchestrator.measures.oscillation import Oscillation, dominant_oscillation
-from orchestrator.measures.parting import Parting, partings
+from orchestrator.measures.parting import Parting, partings, together
 from orchestrator.measures.response import (
     final_value,
     overshoot,
@@ -63,5 +63,6 @@ __all__ = [
     "settling_time",
     "share_interval",
     "steady_error",
+    "together",
     "total_harmonic_distortion",
 ]

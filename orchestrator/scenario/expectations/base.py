@@ -21,6 +21,8 @@ from orchestrator.trace import FloatArray, Trace
 
 DrawnTraces = Mapping[tuple[str, ...], Sequence[Trace]]
 """Components whose seeds vary -> traces of like runs with other noise, of the signals that are wanted so."""
+Times = tuple[float, float]
+"""From when to when [s]; infinite where that is the begin or end of the run."""
 Tube = tuple[FloatArray, FloatArray]
 """(K,) lower and upper bounds [unit of the signal]; infinite where there is none."""
 
@@ -212,8 +214,8 @@ class Condition(ABC):
         """As in `Expected`, for the variable that it is asked of."""
         return self
 
-    def check_covered(self, place: str, instants: FloatArray) -> None:
-        """As in `Expected`, with the instants that it is asked of."""
+    def check_covered(self, place: str, instants: FloatArray, asked: Times) -> None:
+        """As in `Expected`, with the instants that it is asked of, and between which times that is [s]."""
         return
 
     @abstractmethod

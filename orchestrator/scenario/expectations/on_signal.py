@@ -18,6 +18,7 @@ from orchestrator.scenario.expectations.base import (
     Expected,
     Judgement,
     Ran,
+    Times,
     Tube,
 )
 from orchestrator.trace import FloatArray, Trace
@@ -54,6 +55,11 @@ class OnSignal(Expected):
         return np.inf if self.before is None else self.before
 
     @property
+    def asked(self) -> Times:
+        """Between which times it looks at samples [s]."""
+        return (-np.inf if self.after is None else self.after, np.inf if self.before is None else self.before)
+
+    @property
     def drawn(self) -> tuple[tuple[str, Draws], ...]:
         return () if self.condition.draws is None else ((self.signal, self.condition.draws),)
 
@@ -72,10 +78,10 @@ class OnSignal(Expected):
         return replace(self, condition=self.condition.brought(self.place, port, wiring), hold=port.stepwise)
 
     def check_covered(self, instants: FloatArray) -> None:
-        after, before = (-np.inf if self.after is None else self.after, np.inf if self.before is None else self.before)
+        after, before = self.asked
         looked_at = instants[(instants >= after) & (instants <= before)]
         if len(looked_at):
-            self.condition.check_covered(self.place, looked_at)
+            self.condition.check_covered(self.place, looked_at, self.asked)
 
     def check(self, ran: Ran) -> Check:
         if ran.trace is None:
@@ -85,7 +91,7 @@ class OnSignal(Expected):
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad) and not self.condition.takes_nonfinite:
             return Check(str(self), False, f"{values[bad[0]]:g} at {time[bad[0]]:g} s")
-        self.condition.check_covered(self.place, time)
+        self.condition.check_covered(self.place, time, self.asked)
         draws = self._draws(ran.draws)
         try:
             judgement = self.condition.judged(time, values, self.hold, draws)

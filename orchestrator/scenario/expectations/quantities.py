@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field
 from fmus.errors import WiringError
 from fmus.unit_table import TURN
 from fmus.units import SECOND
-from orchestrator.crossing import NamedUnit, crossing, named, quantity
+from orchestrator.crossing import NamedUnit, named, quantity, taken
 from orchestrator.fmi.interface import Port
 from orchestrator.yaml_file import Block, Quantity
 
@@ -97,7 +97,7 @@ def number(place: str, value: Number, unit: NamedUnit, difference: bool = False)
     own = named(found[1]) if found else NamedUnit()
     if found is None or own.unit is None or unit.unit is None:
         raise WiringError(place, f"cannot be '{value}': no unit that is known on both sides", "give a plain number")
-    return crossing(place, own.difference if difference else own, unit).conversion(found[0])
+    return taken(place, found[0], own.difference if difference else own, unit)
 
 
 def frequency(place: str, value: Number) -> float:

@@ -16,7 +16,7 @@ from orchestrator.assembly.stimulus import brought as trace_brought
 from orchestrator.crossing import NOTHING_GIVEN, GivenConversion
 from orchestrator.fmi.interface import Port
 from orchestrator.formats.schema import LayoutBlock
-from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement, Tube
+from orchestrator.scenario.expectations.base import Condition, ExpectationScope, Judgement, Times, Tube
 from orchestrator.scenario.expectations.figure import shown
 from orchestrator.scenario.expectations.limits import within
 from orchestrator.scenario.expectations.quantities import Number
@@ -85,16 +85,18 @@ class Reference:
         wiring.crossings.append(how)
         return replace(self, trace=trace, given=NOTHING_GIVEN)
 
-    def check_covered(self, place: str, instants: FloatArray) -> None:
-        """See that it lasts as long as these instants (K,) [s], and has a number all along.
+    def check_covered(self, place: str, instants: FloatArray, asked: Times) -> None:
+        """See that it lasts as long as these instants (K,) [s], and has a number all along; and that one that was
+        accepted has nothing else between the times that are asked for, for then the run has become shorter.
 
         Raises:
-            ScenarioError: it is shorter.
+            ScenarioError: it is shorter, or longer.
             TraceError: it has none somewhere.
         """
         trace = self.trace
         if trace is None:
             return
+        self._check_followed(place, instants, asked)
         if not trace.covers(instants[0], instants[-1]):
             covered = f"{trace.time[0]:g} to {trace.time[-1]:g} s" if len(trace) else "nothing"
             raise ScenarioError(
@@ -108,6 +110,19 @@ class Reference:
                 f"{self.file}: {place}",
                 f"{self.name} is {self.values[bad[0]]:g} at {trace.time[bad[0]]:g} s ({len(bad)} like it)",
                 "take a reference whose samples are all numbers",
+            )
+
+    def _check_followed(self, place: str, instants: FloatArray, asked: Times) -> None:
+        if not self.accepted or not len(self.samples):
+            return
+        first, last = max(asked[0], self.samples.time[0]), min(asked[1], self.samples.time[-1])
+        step = max(self.step, float(np.max(np.diff(instants), initial=0.0))) * (1.0 + ON_STEP)
+        if first < instants[0] - step or last > instants[-1] + step:
+            raise ScenarioError(
+                place,
+                f"{self.name} goes from {first:g} to {last:g} s, and the run only from {instants[0]:g} to "
+                f"{instants[-1]:g} s",
+                "run as long, take another with `servotwin accept`, or say from when to when with `after` and `before`",
             )
 
     @property
@@ -165,8 +180,8 @@ class Against(Condition):
     def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(self, reference=self.reference.brought(place, port, wiring))
 
-    def check_covered(self, place: str, instants: FloatArray) -> None:
-        self.reference.check_covered(place, instants)
+    def check_covered(self, place: str, instants: FloatArray, asked: Times) -> None:
+        self.reference.check_covered(place, instants, asked)
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         if self.reference.trace is None:

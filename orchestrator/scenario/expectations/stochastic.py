@@ -13,7 +13,7 @@ from scipy.special import bdtr
 
 from orchestrator.fmi.interface import Port
 from orchestrator.measures import band, membership, share_interval
-from orchestrator.scenario.expectations.base import Condition, Draws, ExpectationScope, Judgement, Tube
+from orchestrator.scenario.expectations.base import Condition, Draws, ExpectationScope, Judgement, Times, Tube
 from orchestrator.scenario.expectations.quantities import Dimension, Share
 from orchestrator.scenario.expectations.reference import Against
 from orchestrator.trace import FloatArray, Trace
@@ -138,8 +138,8 @@ class Often(Condition):
     def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(self, condition=self.condition.brought(place, port, wiring))
 
-    def check_covered(self, place: str, instants: FloatArray) -> None:
-        self.condition.check_covered(place, instants)
+    def check_covered(self, place: str, instants: FloatArray, asked: Times) -> None:
+        self.condition.check_covered(place, instants, asked)
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         if len(draws) < self.wanted.count:

@@ -135,6 +135,17 @@ def test_references_that_no_case_asks_for_are_told_by_a_run_too(swing: Path) -> 
     assert run_scenario(swing).scenario.notes == [f"{reference(swing, 'low')}: no case asks for this reference"]
 
 
+def test_a_run_that_became_shorter_than_its_reference_is_refused_but_where_it_is_asked_for(swing: Path) -> None:
+    accept(swing)
+    edit(swing, "stop: 0.5,", "stop: 0.3,")
+    said = command("run", swing, "--out", swing.parent / "run", code=2).stderr
+    assert "goes from 0 to 0.5 s, and the run only from 0 to 0.3 s; run as long, take another with" in said
+    edit(swing, "accepted, within", "accepted, before: 0.3, within")
+    command("run", swing, "--out", swing.parent / "run")
+    edit(swing, "stop: 0.3, step: 0.001", "stop: 0.294, step: 0.007")  # it ends less than a step before
+    command("run", swing, "--out", swing.parent / "run")
+
+
 def test_one_case_is_accepted_alone(swing: Path) -> None:
     accept(swing, "--case", "low")
     assert not reference(swing).exists() and reference(swing, "low").exists()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fmus import build
-from fmus.errors import TraceError
+from fmus.errors import TraceError, WiringError
 from fmus.packaging import archive, targets
 from orchestrator import formats
 from orchestrator.comparison.comparison import Tolerance, compare_sides
@@ -97,6 +97,31 @@ def test_signals_of_other_units_are_converted_and_what_one_alone_has_is_told() -
     one, other = trace(x=TIME, z=TIME), trace("deg", x=np.degrees(TIME))
     found = compare_sides(*sides(one, other), Tolerance())
     assert found.agree and found.notes == ["case a: only one has z"] and len(found.crossings) == 1
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        ([0, 0.25, 0.5, 0.75, 1], ""),
+        ([0, 0.25, 0.333, 0.5], "case a: compared at the 3 stamps of both; one has 51, other 4"),
+        ([0, 0.333, 0.777], "case a: compared on lines between their stamps; one has 78, other 3"),
+    ],
+)
+def test_stamps_that_are_of_one_side_alone_are_told(times: list[float], told: str) -> None:
+    other = Trace(np.array(times), {"x": np.array(times)}, {"x": "rad"}, "trace")
+    found = compare_sides(*sides(trace(x=TIME), other), Tolerance())
+    assert found.agree and [note for note in found.notes if "stamps" in note] == ([told] if told else [])
+
+
+def test_samples_without_a_number_on_either_side_are_told() -> None:
+    gappy = np.where((TIME > 0.4) & (TIME < 0.445), np.nan, TIME)
+    found = compare_sides(*sides(trace(x=gappy), trace(x=gappy)), Tolerance())
+    assert found.agree and found.notes == ["case a: x has no number on either side at 4 stamps"]
+
+
+def test_units_that_do_not_fit_are_refused_by_the_side_that_has_them() -> None:
+    with pytest.raises(WiringError, match="other: x: m does not fit rad"):
+        compare_sides(*sides(trace(x=TIME), trace("m", x=TIME)), Tolerance())
 
 
 def test_the_packagings_and_the_loops_agree_and_are_what_they_say(swing: Path, tmp_path: Path) -> None:

@@ -70,6 +70,12 @@ def test_other_quantities_are_refused_and_unknown_units_taken_with_a_warning(
     assert not run(tmp_path, from_file("count")).crossings
 
 
+def test_numbers_whose_units_leave_out_radians_are_told_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    run(tmp_path, expect="{signal: hand.angle, near: 0.1 rev, within: 500 %}", start="157 %")
+    assert "expect hand.angle: % is taken for rad times 0.01, radians left out" in caplog.text
+    assert caplog.text.count("hand.angle_start: % is taken for rad times 0.01, radians left out") == 1
+
+
 def test_references_and_numbers_are_compared_in_the_unit_of_the_signal(tmp_path: Path) -> None:
     follows = f"{{signal: hand.angle, reference: {from_file('angle')}, within: 60 deg}}"
     near = "{signal: hand.angle, near: 90 deg, within: 60 deg}"
