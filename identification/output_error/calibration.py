@@ -26,6 +26,7 @@ from identification.output_error.shooting.states import SettableState, states
 from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy, WindowSpec
+from identification.output_error.times.rates import rate_warnings
 from identification.output_error.windows import FreeRunWindow, counted, evenly_weighed, length_warnings, weighed
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
@@ -119,6 +120,7 @@ class Calibration:
         said += length_warnings(step, self._windows, traces, "windows")
         if isinstance(asked, WindowSpec) and asked != self._windows:
             said += length_warnings(step, asked, traces, "validation")
+        said += rate_warnings(self.study.run, self.recorded, self.train.windows)
         return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
 
     @property

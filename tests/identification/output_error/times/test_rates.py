@@ -1,0 +1,59 @@
+"""Recordings that are sampled otherwise than free runs step are told of, and only those."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from identification.output_error.times.rates import rate_warnings
+from identification.output_error.windows import cut_windows
+from identification.recordings.campaign import StudyTrace
+from orchestrator.trace import Trace
+from tests.support.identification.small_study import calibrated, plain_study, record, write_study
+
+
+def recorded(every: float, rate: float = 7.0) -> StudyTrace:
+    """4 s of a voltage with a level of its own every 50 ms, and of an angle that swings at `rate` [rad/s]."""
+    time = np.asarray(np.arange(round(4 / every) + 1) * every, dtype=np.float64)
+    levels = np.random.default_rng(0).uniform(-1, 1, 100)[np.floor(time / 0.05 + 1e-6).astype(int)]
+    trace = Trace(time, {"voltage": levels, "angle": np.sin(rate * time)}, name=f"{every}")
+    return StudyTrace(trace, {}, Path(f"{every}.csv"), "", "even", values={"hand.added_mass": 0.0})
+
+
+def told(every: float, step: float, rate: float = 7.0, **keys: str) -> list[str]:
+    asked = plain_study(
+        step=step, windows={"length": 2}, initial={}, inputs={"motor.voltage": {"signal": "voltage", **keys}}
+    )
+    one = recorded(every, rate)
+    return list(rate_warnings(asked.run, [one], cut_windows(asked.run, [one], asked.windows)))
+
+
+@pytest.mark.parametrize("every", [0.01, 0.05])
+def test_samples_that_come_once_a_step_need_no_word(every: float) -> None:
+    assert told(every, every) == []
+
+
+def test_an_input_that_moves_within_steps_is_told_until_it_is_said_how() -> None:
+    [line] = told(0.01, 0.1)
+    assert line.startswith("inputs.motor.voltage: 0.01 has a sample every 0.01 s, and steps of 0.1 s take the value")
+    assert "say `interpolation: hold` for a command" in line
+    assert told(0.01, 0.1, interpolation="hold") == []
+    assert told(0.01, 0.1, interpolation="linear") == []
+
+
+def test_an_input_and_an_output_that_are_drawn_along_lines_are_told_with_what_that_does() -> None:
+    rate = 7.0
+    driven, compared = told(0.05, 0.01, rate)
+    assert driven.startswith("inputs.motor.voltage: 0.05 has a sample every 0.05 s, and steps of 0.01 s take the value")
+    cut = (rate * 0.05) ** 2 / 8  # of a sine's curve in the middle between samples, in its size
+    assert f"is compared every 0.01 s, along lines that cut its curves by about {100 * cut:.2g} %" in compared
+    assert told(0.05, 0.01, rate, interpolation="hold") == [compared]
+
+
+def test_a_calibration_tells_of_steps_finer_than_its_samples(tmp_path: Path) -> None:
+    data = record(tmp_path / "data")
+    for step, count in ((0.005, 1), (0.01, 0)):
+        found = calibrated(write_study(tmp_path / "study.yaml", step=step), data, tmp_path / f"{step}")
+        assert sum("every 0.01 s and is compared every 0.005 s" in line for line in found["warnings"]) == count
