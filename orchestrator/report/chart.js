@@ -97,7 +97,7 @@
       return found.filter((value) => value >= from && value <= to).map((value) => [value, short(value, 6)]);
     }
     const rough = (to - from) / room, power = 10 ** Math.floor(Math.log10(rough));
-    const step = [1, 2, 5, 10].find((one) => one * power >= rough * 0.999) * power;
+    const step = [1, 2, 5, 10].find((_, n) => rough / power < [1.41, 3.16, 7.07, 11][n]) * power; // the nearest
     for (let i = Math.ceil(from / step - 1e-9); i * step <= to + 1e-9 * step; i++) found.push(i * step);
     const digits = limited(Math.ceil(Math.log10(Math.max(Math.abs(from), Math.abs(to)) / step)) + 1, 1, 15);
     return found.map((value) => [value, short(value, digits)]);
