@@ -72,6 +72,7 @@ def about_fmu(path: Path) -> InfoDocument:
         "sources": foreign_sources.brings(files),
         "defaults from resources": defaults.RESOURCE in files,
         "state can be saved": interface.has_state,
+        **({"needs": "its tool, installed"} if bool(fmu.offer.needsExecutionTool) else {}),
         "inputs": _ports(interface, "input"),
         "outputs": _ports(interface, "output"),
         "parameters": _ports(interface, "parameter"),

@@ -258,6 +258,8 @@ def _guarded(path: Path, part: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, LookupError):
+            reason = f"something that it refers to is not there ({reason})"
         raise FmuFileError(path, f"{part}: {reason[:300]}", "ask its supplier for a valid FMU") from error
 
 
@@ -280,8 +282,8 @@ def _interface(
         except LeftOutError as why:
             found, left_out[variable.name] = [], str(why)
         elements[variable.name] = names = [port.name for port in found]
-        if any(name in ports for name in names):
-            raise FmuFileError(path, "two variables have one name", "ask its supplier for a valid FMU")
+        if twice := next((name for name in names if name in ports), None):
+            raise FmuFileError(path, f"two variables are called '{twice}'", "ask its supplier for a valid FMU")
         room -= len(found) if variable.dimensions else 0
         ports.update(zip(names, found, strict=True))
     return Interface(
@@ -318,6 +320,7 @@ def _says(offer: InterfaceType, able: str, otherwise: bool) -> bool:
 def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit], room: int) -> list[Port]:
     """A scalar's port, or one for each element of an array."""
     port = _port(path, variable, units)
+    _check_starts(path, port, variable.start)
     if not variable.dimensions:
         return [replace(port, start=str(sizes.given[port.name]))] if port.name in sizes.given else [port]
     starts = variable.start.split() if isinstance(variable.start, str) else variable.start
@@ -349,6 +352,17 @@ def _port(path: Path, variable: ModelVariable, units: Mapping[str, Unit]) -> Por
         definitions=units,
         exact=variable.start is not None and (variable.initial == "exact" or variable.causality == "input"),
     )
+
+
+def _check_starts(path: Path, port: Port, start: str | Sequence[str] | None) -> None:
+    """See that the start value of a scalar, or those of an array, are of its type."""
+    if start is None or port.alone or port.type == "String":
+        return
+    for text in start.split() or [start] if isinstance(start, str) else start:
+        try:
+            port.parsed(text)
+        except ValueError:
+            raise FmuFileError(f"{path}: {port.name}", f"start='{text}' is no {port.type}", "correct it") from None
 
 
 def _number(path: Path, variable: ModelVariable, attribute: str) -> float | None:

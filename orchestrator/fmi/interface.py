@@ -36,6 +36,7 @@ class Written(str):
 
 
 _REAL = ("Real", "Float64", "Float32")
+_TRUTH = {"true": True, "1": True, "false": False, "0": False}
 _ALONE = ("Binary", "Clock")  # nothing connects, sets or records them
 TANGENT = "Tangent"  # type of a derivative along a direction, which native FMUs of the library carry beside values
 _TANGENT_NAME = re.compile(r"(.+) along direction (\d+)")
@@ -138,9 +139,15 @@ class Port:
         return known and self.causality in causes and self.variability != "constant" and not self.alone
 
     def parsed(self, start: str) -> Value:
-        """A start value as the file gives it, in the variable's type."""
+        """A start value as the file gives it, in the variable's type.
+
+        Raises:
+            ValueError: it is none of that type.
+        """
         if self.type == "Boolean":
-            return start.strip() in ("true", "1")
+            if start.strip() not in _TRUTH:
+                raise ValueError(start)
+            return _TRUTH[start.strip()]
         if self.type in _REAL:
             return float(start)
         return int(start) if self.numeric else start

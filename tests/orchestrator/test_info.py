@@ -51,6 +51,16 @@ def test_an_fmu_shows_its_variables_with_start_value_and_unit(hand: Path) -> Non
     assert document["defaults from resources"] and "calibrated by" not in document
 
 
+@pytest.mark.parametrize(("said", "needs"), [("false", None), ("true", "its tool, installed")])
+def test_an_fmu_that_needs_its_tool_says_so(hand: Path, tmp_path: Path, said: str, needs: str | None) -> None:
+    files = archive.read(hand)
+    text = files["modelDescription.xml"].replace(
+        b"<CoSimulation ", f'<CoSimulation needsExecutionTool="{said}" '.encode()
+    )
+    archive.write(tmp_path / "needs.fmu", {**files, "modelDescription.xml": text})
+    assert about(tmp_path / "needs.fmu").get("needs") == needs
+
+
 def test_a_calibrated_fmu_says_by_what(hand: Path, tmp_path: Path) -> None:
     write_back(hand, {"inertia": 0.004}, tmp_path / "c.fmu", {"title": "My study", "method": "output-error"})
     document = strict(about(tmp_path / "c.fmu"))

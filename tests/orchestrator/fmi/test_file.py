@@ -17,6 +17,7 @@ from fmus.errors import FmuError, FmuFileError, InputError
 from fmus.packaging import archive, targets
 from orchestrator.fmi.file import FmuFile, read_description
 from orchestrator.fmi.slave import Slave
+from tests.support.simulation.ssps import gain
 from tests.support.tools import third_party
 
 pytestmark = pytest.mark.usefixtures("scratch")
@@ -27,6 +28,12 @@ XML = "modelDescription.xml"
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return targets.build("pendulum", tmp_path_factory.mktemp("fmu") / "pendulum.fmu", target="python")
+
+
+@pytest.fixture(scope="module")
+def every_type() -> Path:
+    """An FMU with parameters of all types."""
+    return gain()
 
 
 def changed(source: Path, target: Path, change: Callable[[dict[str, bytes]], Mapping[str, bytes]]) -> Path:
@@ -83,6 +90,24 @@ def test_the_interface_is_what_the_file_declares(pendulum: Path) -> None:
             "energy": frozenset(),
         }
         assert (fmu.folder / "resources").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ('start="2.0"', 'start="2,0"', "k: start='2,0' is no Real; correct it"),
+        ('start="3"', 'start="1.5"', "n: start='1.5' is no Integer; correct it"),
+        ('start="true"', 'start="yes"', "on: start='yes' is no Boolean; correct it"),
+        ('start="1" />', 'start="slow" />', "mode: start='slow' is no Enumeration; correct it"),
+        ('start="0.0" />', 'start="" />', "b: start='' is no Real; correct it"),
+        ('name="b"', 'name="k"', "two variables are called 'k'"),
+        ('dependencies="1 3', 'dependencies="1 77', "something that it refers to is not there"),
+    ],
+)
+def test_what_a_description_says_wrongly_is_named(
+    every_type: Path, tmp_path: Path, old: str, new: str, problem: str
+) -> None:
+    assert problem in refusal(with_xml(every_type, tmp_path / "odd.fmu", (old, new)))
 
 
 def test_enumerations_keep_the_names_of_their_items(tmp_path: Path) -> None:
@@ -203,7 +228,7 @@ def test_a_model_description_that_is_none_is_refused(pendulum: Path, tmp_path: P
         ('valueReference="1"', 'valueReference="-1"', "angle: has the value reference -1"),
         ('valueReference="1"', 'valueReference="4294967296"', "has the value reference 4294967296"),
         ('valueReference="1"', 'valueReference="one"', "invalid literal"),
-        ('name="speed"', 'name="angle"', "two variables have one name"),
+        ('name="speed"', 'name="angle"', "two variables are called 'angle'"),
         ('min="0.0"', 'min="low"', "min='low' is no number"),
         ('modelIdentifier="pendulum"', 'modelIdentifier="../../pendulum"', "model identifier '../../pendulum'"),
         ('modelIdentifier="pendulum"', 'modelIdentifier="other"', "has no binary for"),
