@@ -36,9 +36,11 @@ class SuiteSummary:
         spent = sum(verdict.seconds for verdict in self.verdicts)
         passed = sum(verdict.passed for verdict in self.verdicts)
         held = sum(case["passed"] for case in cases)
+        idle = sum(case["passed"] and not case["checks"] for case in cases)
+        asked = f" ({idle} of them without being asked anything)" if idle else ""
         files, all_cases = _counted(len(self.verdicts), "file"), _counted(len(cases), "case")
         return (
-            f"{passed} of {files} and {held} of {all_cases} passed in {self.seconds:.1f} s; "
+            f"{passed} of {files} and {held} of {all_cases} passed{asked} in {self.seconds:.1f} s; "
             f"one after the other they took {spent:.1f} s (-j {self.processes})"
         )
 

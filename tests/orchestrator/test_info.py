@@ -54,9 +54,9 @@ def test_an_fmu_shows_its_variables_with_start_value_and_unit(hand: Path) -> Non
 @pytest.mark.parametrize(("said", "needs"), [("false", None), ("true", "its tool, installed")])
 def test_an_fmu_that_needs_its_tool_says_so(hand: Path, tmp_path: Path, said: str, needs: str | None) -> None:
     files = archive.read(hand)
-    text = files["modelDescription.xml"].replace(
-        b"<CoSimulation ", f'<CoSimulation needsExecutionTool="{said}" '.encode()
-    )
+    xml = files["modelDescription.xml"]
+    assert b'needsExecutionTool="true"' in xml
+    text = xml.replace(b'needsExecutionTool="true"', f'needsExecutionTool="{said}"'.encode())
     archive.write(tmp_path / "needs.fmu", {**files, "modelDescription.xml": text})
     assert about(tmp_path / "needs.fmu").get("needs") == needs
 

@@ -33,6 +33,15 @@ def test_the_sentence_counts_files_and_cases_and_says_what_side_by_side_has_gain
     )
 
 
+def test_the_sentence_counts_cases_that_pass_for_want_of_anything_asked() -> None:
+    asked, idle = verdict("a", True), verdict("b", True, True)
+    assert idle.document is not None
+    for case in idle.document["cases"]:
+        case["checks"] = []
+    said = SuiteSummary([asked, idle], 1.0, 1).sentence
+    assert said.startswith("2 of 2 files and 3 of 3 cases passed (2 of them without being asked anything) in 1.0 s;")
+
+
 def test_a_short_suite_lists_every_file_and_a_long_one_what_failed_and_what_took_longest() -> None:
     short = SuiteSummary([verdict("a", True), verdict("b", False)], 1.0, 1)
     assert [row[:2] for row in short.rows()] == [("a", "passed"), ("b", "FAILED")]
