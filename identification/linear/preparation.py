@@ -76,7 +76,8 @@ def prepared(records: Sequence[InputOutputData], how: Preparation) -> PreparedDa
     """The records after the steps of `how`, one scale for all of them.
 
     Raises:
-        IdentificationError: an output is 0 throughout, so that it cannot be scaled, or the filter does not fit.
+        IdentificationError: an output or the first input is 0 throughout, so that outputs cannot be scaled, or the
+            filter does not fit.
     """
     plain = [_filtered(piece, how) for record in records for piece in between_gaps(_centred(record, how))]
     if not plain:
@@ -117,4 +118,8 @@ def _scale(records: Sequence[InputOutputData]) -> FloatArray:
     for number, size in enumerate(largest):
         if not size > 0:
             raise IdentificationError(f"output {number}", "is 0 throughout and cannot be scaled", "leave it out")
-    return np.asarray(max(float(np.abs(record.u[:, 0]).max()) for record in records) / largest)
+    driven = max(float(np.abs(record.u[:, 0]).max()) for record in records)
+    if not driven > 0:
+        place, fix = f"{records[0].name}.{records[0].inputs[0]}", "record it moving, or leave this input out"
+        raise IdentificationError(place, "never moves, so that outputs cannot be scaled by it", fix)
+    return np.asarray(driven / largest)

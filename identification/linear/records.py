@@ -16,6 +16,7 @@ from orchestrator.trace import FloatArray, Trace, read_only
 
 _JITTER = 0.01  # of a step; stamps further off their place are no longer evenly sampled
 _SAME_STEP = 1e-6
+_SAME_RATE = 1e-4  # of a step, by which records that are judged may be sampled otherwise: clocks drift
 _LARGEST = 1e100
 
 
@@ -144,6 +145,19 @@ def between_gaps(whole: InputOutputData) -> list[InputOutputData]:
         return [whole]
     named = ((f"{whole.name} from {first * whole.step:.6g} s", first, after) for first, after in runs(finite))
     return [replace(whole.rows(first, after), name=name) for name, first, after in named]
+
+
+def check_rate(records: Sequence[InputOutputData], step: float, whose: str) -> None:
+    """See that records are sampled as a model steps, or as what it is from is.
+
+    Raises:
+        IdentificationError: one is not; a free run along it would be one at another speed.
+    """
+    for record in records:
+        if abs(record.step - step) > _SAME_RATE * step:
+            raise IdentificationError(
+                record.name, f"is sampled every {record.step:g} s, {whose} every {step:g} s", f"give `sample: {step:g}`"
+            )
 
 
 def checked_weights(weights: Sequence[float], outputs: Sequence[str]) -> FloatArray:

@@ -13,7 +13,7 @@ from identification.estimation.stopped import stopped
 from identification.linear.mode_tracking import spreads
 from identification.linear.modes import kept, modes
 from identification.linear.preparation import Offsets, Preparation, offsets_of, prepared, without_compensation
-from identification.linear.records import InputOutputData
+from identification.linear.records import InputOutputData, check_rate
 from identification.linear.reduction import Reduction, reduced, together, updated
 from identification.recordings.campaign import StudyTrace, load_campaign, split
 from identification.recordings.marks import nothing_left, sound
@@ -234,8 +234,15 @@ def _of(side: Sequence[StudyTrace], origin: Mapping[str, str], study: SubspaceBl
 
 
 def records(study: SubspaceBlock, recorded: Sequence[StudyTrace]) -> dict[str, InputOutputData]:
-    """Trace -> its record at the study's samples, with gaps where it is marked."""
-    return {known.trace.name: _record(study, known) for known in recorded}
+    """Trace -> its record at the study's samples, with gaps where it is marked.
+
+    Raises:
+        IdentificationError: they are sampled at different rates.
+    """
+    found = {known.trace.name: _record(study, known) for known in recorded}
+    for first in list(found.values())[:1]:
+        check_rate(list(found.values()), first.step, first.name)
+    return found
 
 
 def pieces(

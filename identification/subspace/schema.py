@@ -140,6 +140,10 @@ class SubspaceBlock(RecordedStudyBlock):
     def _consistent(self) -> SubspaceBlock:
         if self.take is not None and self.take not in self.models:
             raise ValueError(f"`take` is one of {', '.join(self.models)}")
+        named = [*self.inputs, *self.outputs]
+        twice = next((name for name in named if named.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"`inputs` and `outputs`: {twice} is named twice; name each signal once")
         stray = [name for name in self.preparation.zero_mean if name not in self.outputs]
         if stray:
             raise ValueError(f"`preparation.zero_mean`: {stray[0]} is no output")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NotRequired
 
+import numpy as np
 from typing_extensions import TypedDict
 
 from fmus.errors import IdentificationError
@@ -224,4 +226,15 @@ def warnings_of(result: SubspaceCalibration) -> list[str]:
         warnings.append(f"{pieces.dropped} pieces between gaps were too short, {pieces.lost} samples are left out")
     if result.dropped:
         warnings.append(f"pieces between marks are too short: {result.dropped} samples are left out for that")
-    return [*warnings, *recording_warnings(result.recorded)]
+    return [*warnings, *_not_finite(result), *recording_warnings(result.recorded)]
+
+
+def _not_finite(result: SubspaceCalibration) -> Iterator[str]:
+    """Of which recordings stretches are left out because a signal has no value there."""
+    for known in result.recorded:
+        names = [*result.study.inputs, *result.study.outputs]
+        missing = [name for name in names if not np.isfinite(known.trace[name]).all()]
+        if missing:
+            lost = ~np.isfinite(np.column_stack([known.trace[name] for name in missing])).all(axis=1)
+            told = f"{int(lost.sum())} samples have no value of {' or '.join(missing)}"
+            yield f"{known.trace.name}: {told} and are left out, what lies between counts as records of its own"

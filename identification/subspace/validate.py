@@ -13,7 +13,7 @@ from fmus.errors import IdentificationError
 from identification.fits import FitSummary, fit_summary, told
 from identification.linear.fmu import model_in, zero_in
 from identification.linear.model import LinearModel
-from identification.linear.records import InputOutputData
+from identification.linear.records import InputOutputData, check_rate
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.recordings.units import in_common_units, unit_documents
 from identification.result_sections import verdict_callout
@@ -102,7 +102,9 @@ def validate(
     }
     sides, runs = dict[str, FitSummary](), list[tuple[InputOutputData, FloatArray]]()
     for name, traces in groups.items():
-        cut = pieces(study, records(study, traces), zero)
+        given = records(study, traces)
+        check_rate(list(given.values()), model.step, "the model")
+        cut = pieces(study, given, zero)
         if not cut:
             continue
         free, fits = free_runs(model, [piece for _, piece in cut], _samples(study, model, name))

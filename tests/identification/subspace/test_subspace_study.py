@@ -262,3 +262,46 @@ def test_a_spread_of_another_model_is_refused(study: Path) -> None:
         file.write_text(json.dumps(summary | {"changes": changes}))
         with pytest.raises(IdentificationError, match=problem):
             CalibratedPlant(file.parent).drawn("plant", STEP, 2, np.random.default_rng(0))
+
+
+def rewritten(file: Path, rows: slice = slice(None), **signals: Any) -> None:
+    """The recording with other signals, or of every so manieth row."""
+    trace = formats.read(file).trace
+    columns = {name: values[rows] for name, values in {**trace.signals, **signals}.items()}
+    formats.write(Trace(trace.time[rows], columns, trace.units, trace.name), file)
+
+
+@pytest.mark.parametrize("name", ["second", "third"])
+def test_recordings_at_different_rates_are_refused_fitted_ones_and_those_kept_aside(study: Path, name: str) -> None:
+    rewritten(study.parent / f"{name}.csv", slice(None, None, 2))
+    said = rf"{name}: is sampled every {2 * STEP:g} s, first every {STEP:g} s; give `sample: {STEP:g}`"
+    with pytest.raises(IdentificationError, match=said):
+        calibrated(study)
+
+
+def test_an_input_that_never_moves_is_named_and_not_the_outputs(study: Path) -> None:
+    for name in ("first", "second"):
+        rewritten(study.parent / f"{name}.csv", u=np.zeros(1200))
+    with pytest.raises(IdentificationError, match=r"first\.u: never moves"):
+        calibrated(study)
+
+
+@pytest.mark.parametrize("more", ["outputs: [y, y]", "outputs: [u, z]"])
+def test_a_signal_that_is_named_twice_is_refused_with_its_line(study: Path, more: str) -> None:
+    study.write_text(STUDY.replace("outputs: [y, z]", more))
+    with pytest.raises(ScenarioError, match=r"`inputs` and `outputs`: [uy] is named twice; name each signal once"):
+        load_study(study)
+
+
+@pytest.mark.slow
+def test_samples_without_a_value_are_told_and_other_rates_are_not_judged(study: Path) -> None:
+    y = formats.read(study.parent / "second.csv").trace["y"].copy()
+    y[500:550] = np.nan
+    rewritten(study.parent / "second.csv", y=y)
+    told = "second: 50 samples have no value of y and are left out"
+    assert any(warning.startswith(told) for warning in calibrated(study)["warnings"])  # type: ignore[attr-defined]
+    rewritten(study.parent / "third.csv", slice(None, None, 2))
+    with pytest.raises(
+        IdentificationError, match=f"third: is sampled every {2 * STEP:g} s, the model every {STEP:g} s"
+    ):
+        validate_result(study.parent / "out", study.parent / "third.csv", study.parent / "judged", silent)
