@@ -1,14 +1,20 @@
-"""What units are by an FMU's own word."""
+"""What an FMU says by its own word, and what it cannot mean: units, start values, places in its structure."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fmpy.model_description import ModelDescription
 
 from fmus.errors import FmuFileError
 from fmus.units import BASES, Unit
+from orchestrator.fmi.interface import Port
+
+if TYPE_CHECKING:
+    from lxml import etree
 
 
 def units(path: Path, description: ModelDescription) -> dict[str, Unit]:
@@ -33,3 +39,30 @@ def units(path: Path, description: ModelDescription) -> dict[str, Unit]:
         if not (math.isfinite(unit.factor) and unit.factor and math.isfinite(unit.offset)):
             raise FmuFileError(f"{path}: unit {name}", "has a factor or offset that converts nothing", "correct it")
     return found
+
+
+def check_places(root: etree._Element) -> None:
+    """See that what FMI 2 counts from 1 is nowhere 0 or less, which FMPy would count from the end.
+
+    Raises:
+        LookupError: it is.
+    """
+    for entry in root.iterfind("ModelStructure/*/Unknown"):
+        for place in f"{entry.get('index', '')} {entry.get('dependencies', '')}".split():
+            if int(place) < 1:
+                raise LookupError(f"variable {place} of ModelStructure")
+
+
+def check_starts(path: Path, port: Port, start: str | Sequence[str] | None) -> None:
+    """See that the start value of a scalar, or those of an array, are of its type.
+
+    Raises:
+        FmuFileError: one is not.
+    """
+    if start is None or port.alone or port.type == "String":
+        return
+    for text in start.split() or [start] if isinstance(start, str) else start:
+        try:
+            port.parsed(text)
+        except ValueError:
+            raise FmuFileError(f"{path}: {port.name}", f"start='{text}' is no {port.type}", "correct it") from None

@@ -196,6 +196,7 @@ class _Text:
 def _parsed(given: _Text) -> ModelDescription:
     root = archive.parse_xml(f"{given.path}: {DESCRIPTION}", given.text)
     with _guarded(given.path, DESCRIPTION):
+        definitions.check_places(root)
         description = read_model_description(_alone(_readable(root, given.text)), validate=False)
         _amend(description, root)
     return description
@@ -320,7 +321,7 @@ def _says(offer: InterfaceType, able: str, otherwise: bool) -> bool:
 def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit], room: int) -> list[Port]:
     """A scalar's port, or one for each element of an array."""
     port = _port(path, variable, units)
-    _check_starts(path, port, variable.start)
+    definitions.check_starts(path, port, variable.start)
     if not variable.dimensions:
         return [replace(port, start=str(sizes.given[port.name]))] if port.name in sizes.given else [port]
     starts = variable.start.split() if isinstance(variable.start, str) else variable.start
@@ -352,17 +353,6 @@ def _port(path: Path, variable: ModelVariable, units: Mapping[str, Unit]) -> Por
         definitions=units,
         exact=variable.start is not None and (variable.initial == "exact" or variable.causality == "input"),
     )
-
-
-def _check_starts(path: Path, port: Port, start: str | Sequence[str] | None) -> None:
-    """See that the start value of a scalar, or those of an array, are of its type."""
-    if start is None or port.alone or port.type == "String":
-        return
-    for text in start.split() or [start] if isinstance(start, str) else start:
-        try:
-            port.parsed(text)
-        except ValueError:
-            raise FmuFileError(f"{path}: {port.name}", f"start='{text}' is no {port.type}", "correct it") from None
 
 
 def _number(path: Path, variable: ModelVariable, attribute: str) -> float | None:

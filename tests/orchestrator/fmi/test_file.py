@@ -102,6 +102,8 @@ def test_the_interface_is_what_the_file_declares(pendulum: Path) -> None:
         ('start="0.0" />', 'start="" />', "b: start='' is no Real; correct it"),
         ('name="b"', 'name="k"', "two variables are called 'k'"),
         ('dependencies="1 3', 'dependencies="1 77', "something that it refers to is not there"),
+        ('dependencies="1"', 'dependencies="0"', "it refers to is not there (variable 0 of ModelStructure)"),
+        ('index="2"', 'index="-1"', "it refers to is not there (variable -1 of ModelStructure)"),
     ],
 )
 def test_what_a_description_says_wrongly_is_named(
