@@ -42,7 +42,8 @@ def test_a_state_that_only_adds_a_constant_goes_on_either_side_of_one(seed: int,
     n = model.order
     a, b, c = np.eye(n + 1) * beside_one, np.zeros((n + 1, 2)), np.ones((len(model.outputs), n + 1))
     a[:n, :n], b[:n], c[:, :n] = model.a, model.b, model.c
-    basis = np.random.default_rng(seed).normal(size=(n + 1, n + 1)) + 3 * np.eye(n + 1)
+    rng = np.random.default_rng(seed)
+    basis = np.linalg.qr(rng.normal(size=(n + 1, n + 1)))[0] * rng.uniform(0.2, 5, n + 1)  # far from singular
     left = without_constants(replace(model, a=a, b=b, c=c).transformed(basis), [u])
     assert left.order == n
     np.testing.assert_allclose(left.simulate(u), model.simulate(u), rtol=1e-6, atol=1e-9)
