@@ -131,7 +131,7 @@ def parameter_warnings(parameter: Parameter, value: float, std: float) -> list[s
     for bound, word in ((parameter.lower, "lower"), (parameter.upper, "upper")):
         if abs(value - bound) <= 1e-9 * parameter.size:
             at = f"{parameter.name} is at its {word} bound {bound:g} {parameter.unit}"
-            warnings.append(f"{at}: its interval is one-sided")
+            warnings.append(f"{at}: the best value may lie beyond, and its interval is as without that bound; widen it")
     if math.isfinite(std) and std > abs(value):
         warnings.append(f"{parameter.name} is hardly determined: {value:.3g} with a standard deviation of {std:.3g}")
     return warnings
