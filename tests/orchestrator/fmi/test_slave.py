@@ -145,7 +145,7 @@ def test_items_of_an_enumeration_can_be_set_by_name(load: Load) -> None:
 )
 def test_a_value_that_does_not_fit_its_type_is_refused(name: str, value: Value, problem: str, load: Load) -> None:
     slave = load(third_party.reference(3, "Feedthrough"), "fmu")
-    with pytest.raises(FmuFileError) as refused:
+    with pytest.raises(FmuFileError if name == "nothing" else WiringError) as refused:
         slave.set({name: value})
     assert str(refused.value) == f"fmu.{name}: {problem}"
 
