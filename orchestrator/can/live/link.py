@@ -227,8 +227,8 @@ class Link:
         self._given, self._forgotten = Counter(), Counter()
         self._bus = bus
         self._loss.seconds = round(time.monotonic() - self._lost, 3)
-        self._tell(f"bus back after {self._loss.seconds:.1f} s")
         self.trouble = ""
+        self._tell(f"bus back after {self._loss.seconds:.1f} s")
 
     def _tell(self, line: str) -> None:
         if self.loss_count <= _SAID:
