@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import fmpy
-import pytest
 
 from fmus.packaging import archive
+from tests.support.from_c import compiled
 
 WHOLE = ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
 TYPES = ("Float32", *WHOLE, "Boolean", "Enumeration", "String")  # in the order of `arrays.c`
@@ -35,21 +33,14 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(folder: Path, *replacements: tuple[str, str]) -> Path:
     """The FMU, in this folder, with these changes to its description; skipped where there is no C compiler."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build the FMU of arrays with")
     binary = folder / f"arrays{fmpy.sharedLibraryExtension}"
-    headers = Path(str(fmpy.__file__)).parent / "c-code"
-    source = Path(__file__).with_name("arrays.c")
-    command = [compiler, "-w", "-shared", "-fPIC", "-O1", f"-I{headers}", str(source), "-o", str(binary)]
-    subprocess.run(command, check=True)
     xml = _description()
     for old, new in replacements:
         assert old in xml
         xml = xml.replace(old, new)
     files = {
         "modelDescription.xml": xml.encode(),
-        f"binaries/{fmpy.platform_tuple}/{binary.name}": binary.read_bytes(),
+        f"binaries/{fmpy.platform_tuple}/{binary.name}": compiled(binary, Path(__file__).with_suffix(".c")),
     }
     archive.write(folder / "arrays.fmu", files)
     return folder / "arrays.fmu"

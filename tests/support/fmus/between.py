@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import fmpy
 import numpy as np
-import pytest
 
 from fmus.packaging import archive
 from orchestrator.trace import FloatArray
+from tests.support.from_c import compiled
 
 COUNT = 4  # of its own steps in one of the importer's
 TROUBLES = ("none", "backwards", "beyond", "no values", "silent", "twice")
@@ -41,19 +39,13 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(folder: Path, *replacements: tuple[str, str]) -> Path:
     """The FMU, in this folder, with these changes to its description; skipped where there is no C compiler."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build the FMU with")
     binary = folder / f"between{fmpy.sharedLibraryExtension}"
-    headers = Path(str(fmpy.__file__)).parent / "c-code"
-    source = Path(__file__).with_name("between.c")
-    subprocess.run([compiler, "-w", "-shared", "-fPIC", f"-I{headers}", str(source), "-o", str(binary)], check=True)
     text = _XML
     for old, new in replacements:
         assert old in text
         text = text.replace(old, new)
     files = {"modelDescription.xml": text.encode()}
-    files[f"binaries/{fmpy.platform_tuple}/{binary.name}"] = binary.read_bytes()
+    files[f"binaries/{fmpy.platform_tuple}/{binary.name}"] = compiled(binary, Path(__file__).with_suffix(".c"))
     archive.write(folder / "between.fmu", files)
     return folder / "between.fmu"
 

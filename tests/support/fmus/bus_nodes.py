@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import fmpy
-import pytest
 
 from fmus.packaging import archive
+from tests.support.from_c import HEADERS, compiled
 
 PARAMETERS = ("period", "first", "id", "rate", "discard", "spoil", "triggered")
 OUTPUTS = ("received", "last_id", "last_time", "confirmed", "lost", "complaints")
@@ -48,17 +46,12 @@ _TERMINALS = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(folder: Path, *replacements: tuple[str, str], triggered: bool = False) -> Path:
     """The FMU, in this folder, with these texts of its XML replaced by others."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build a network FMU with")
     folder.mkdir(exist_ok=True)
     binary = folder / f"bus_node{fmpy.sharedLibraryExtension}"
     if not binary.is_file():
-        headers, source = Path(str(fmpy.__file__)).parent / "c-code", Path(__file__).with_name("bus_node.c")
-        rest = folder / "rest.c"
-        rest.write_text(_rest(headers, source))
-        options = ["-w", "-shared", "-fPIC", "-O2", f"-I{headers}"]
-        subprocess.run([compiler, *options, str(source), str(rest), "-o", str(binary), "-lm"], check=True)
+        source, rest = Path(__file__).with_name("bus_node.c"), folder / "rest.c"
+        rest.write_text(_rest(HEADERS, source))
+        compiled(binary, source, rest)
     members = "".join(
         f'<TerminalMemberVariable variableKind="signal" variableName="Can.{name}" memberName="{name}"/>'
         for name in MEMBERS

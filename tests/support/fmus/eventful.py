@@ -5,14 +5,12 @@ It refuses calls out of order, inputs that are set outside event mode, and time 
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import fmpy
-import pytest
 
 from fmus.packaging import archive
+from tests.support.from_c import compiled
 
 TROUBLES = (
     "none",
@@ -44,17 +42,11 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(folder: Path, output: str = "x") -> Path:
     """The FMU, in this folder, with "x" or "sample" as output; without a C compiler the test is skipped."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build the eventful FMU with")
     binary = folder / f"eventful{fmpy.sharedLibraryExtension}"
-    headers = Path(str(fmpy.__file__)).parent / "c-code"
-    source = Path(__file__).with_name("eventful.c")
-    subprocess.run([compiler, "-shared", "-fPIC", "-O1", f"-I{headers}", str(source), "-o", str(binary)], check=True)
     path = folder / f"eventful_{output}.fmu"
     files = {
         "modelDescription.xml": _description(output).encode(),
-        f"binaries/{fmpy.platform}/{binary.name}": binary.read_bytes(),
+        f"binaries/{fmpy.platform}/{binary.name}": compiled(binary, Path(__file__).with_suffix(".c")),
     }
     archive.write(path, files)
     return path

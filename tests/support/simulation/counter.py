@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import fmpy
-import pytest
 
 from fmus.packaging import archive
+from tests.support.from_c import compiled
 
 _XML2 = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="counter" guid="counter">
@@ -59,13 +57,8 @@ _XML3 = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(path: Path, fmi: int, *, once: bool = False) -> Path:
     """The FMU, `once` with only one instance in a process; skipped where there is no C compiler."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build the FMU with")
     library = path.with_suffix(fmpy.sharedLibraryExtension)
-    headers, source = Path(fmpy.__file__).parent / "c-code", Path(__file__).with_name("counter.c")
-    flags = [f"-DFMI={fmi}", "-shared", "-fPIC", "-O1", "-w", f"-I{headers}"]
-    subprocess.run([compiler, *flags, str(source), "-o", str(library)], check=True)
+    code = compiled(library, Path(__file__).with_suffix(".c"), options=(f"-DFMI={fmi}",))
     folder = fmpy.platform if fmi == 2 else fmpy.platform_tuple
     if fmi == 2:
         text = _XML2.format(outputs="".join(f'<Unknown index="{i}" dependencies=""/>' for i in (2, 4, 6)))
@@ -75,7 +68,7 @@ def build(path: Path, fmi: int, *, once: bool = False) -> Path:
         text = text.replace("<CoSimulation ", '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true" ')
     files = {
         "modelDescription.xml": text.encode(),
-        f"binaries/{folder}/counter{library.suffix}": library.read_bytes(),
+        f"binaries/{folder}/counter{library.suffix}": code,
         "documentation/licenses/license.txt": b"Only for tests",
     }
     archive.write(path, files)
