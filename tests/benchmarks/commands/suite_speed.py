@@ -58,7 +58,8 @@ def figures() -> list[Figure]:
 
 def tested(folder: Path, processes: int, path: Path) -> dict[str, Any]:
     """What the suite says of a path."""
-    command = [*SERVOTWIN, "test", str(path), "-j", str(processes), "--out", str(folder / "out"), "--json"]
+    out = folder / f"{path.stem}_{processes}"  # new each time: to replace earlier results is more work
+    command = [*SERVOTWIN, "test", str(path), "-j", str(processes), "--out", str(out), "--json"]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "SERVOTWIN_CACHE": str(folder / "cache")}
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment, cwd=folder)
     document: dict[str, Any] = json.loads(done.stdout)
