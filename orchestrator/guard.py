@@ -25,9 +25,6 @@ from orchestrator.processes import interrupts, last_words
 from orchestrator.processes.last_words import KILLED, LITTER, SAVING, LastWords, culprits
 from orchestrator.results import put_back, rescue
 
-if sys.platform != "win32":
-    import fcntl
-
 PATIENCE = 10  # with a command that was told to end and has not heard it [s]
 _AGAIN = 0.5  # until it is told again [s]
 _LEAVING = 3.0  # patience with processes that the command has left [s]
@@ -62,7 +59,8 @@ def guarded(work: Callable[[], None]) -> None:
     interrupts.guarded_by(os.getppid())
     with interrupts.Interrupts():
         try:
-            _stand_alone(life)
+            _stand_alone()
+            threading.Thread(target=_outlive, args=(life, words), name="end of the guard", daemon=True).start()
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
             _work(work, words)
         except KeyboardInterrupt:
@@ -83,11 +81,8 @@ def _own_temporary_folder(words: LastWords) -> Path:
     return usual
 
 
-def _stand_alone(life: int) -> None:
-    """Be in a process group of one's own: a terminal's signals reach the parent, which passes them on once.
-
-    The end of the parent, who has the other end of `life`, is a wish to end, too.
-    """
+def _stand_alone() -> None:
+    """Be in a process group of one's own: a terminal's signals reach the parent, which passes them on once."""
     if sys.platform == "win32":
         raise OSError("Windows does not fork")
     os.setpgid(0, 0)
@@ -95,10 +90,30 @@ def _stand_alone(life: int) -> None:
     if os.isatty(0):  # to read from it would be
         with Path(os.devnull).open() as nothing:
             os.dup2(nothing.fileno(), 0)
-    if sys.platform == "linux":
-        fcntl.fcntl(life, fcntl.F_SETSIG, signal.SIGTERM)
-        fcntl.fcntl(life, fcntl.F_SETOWN, os.getpid())
-        fcntl.fcntl(life, fcntl.F_SETFL, fcntl.fcntl(life, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+def _outlive(life: int, words: LastWords) -> None:
+    """Await the end of the parent, who has the other end of `life`, and end as it would have had it: none of this waits
+    for an FMU."""
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
+    try:
+        os.read(life, 1)
+    except OSError:  # an FMU has closed it
+        return
+    _say("the process that watches over the command is gone; the command ends")
+    begun = monotonic()
+    while monotonic() < begun + (_SAVING if words.heard else PATIENCE):
+        if not words.heard:
+            os.kill(os.getpid(), signal.SIGTERM)
+        sleep(_AGAIN)
+    _say(f"{culprits(words) or 'the command'} did not let go; its process is killed")
+    os.kill(os.getpid(), signal.SIGKILL)  # what it leaves behind the next command removes
+
+
+def _say(line: str) -> None:
+    with suppress(OSError):
+        os.write(2, f"servotwin: {line}\n".encode(errors="replace"))
 
 
 def _work(work: Callable[[], None], words: LastWords) -> None:

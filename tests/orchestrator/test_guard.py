@@ -145,13 +145,22 @@ def test_a_command_that_asks_for_its_own_end_and_hangs_is_killed(tmp_path: Path)
     assert ended(started(tmp_path, work), tmp_path) == (130, "interrupted; wheel (bad.fmu) did not let go\n")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="needs a pipe that sends a signal")
 def test_the_command_ends_with_its_parent_and_cleans_up(tmp_path: Path) -> None:
     running = started(tmp_path, "time.sleep(600)")
     assert running.stdout is not None and running.stdout.readline() == "said\n"
     running.kill()
-    running.communicate(timeout=60)  # until who holds the pipes has ended
+    _, said = running.communicate(timeout=60)  # until who holds the pipes has ended
+    assert said == "servotwin: the process that watches over the command is gone; the command ends\n"
     assert list((tmp_path / "scratch").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_command_that_hangs_ends_with_its_parent(tmp_path: Path) -> None:
+    running = started(tmp_path, "libc.signal(15, ctypes.c_void_p(1)); print('ready', flush=True); libc.sleep(600)")
+    assert running.stdout is not None and [running.stdout.readline() for _ in range(2)] == ["said\n", "ready\n"]
+    running.kill()
+    _, said = running.communicate(timeout=60)
+    assert said.splitlines()[1:] == ["servotwin: wheel (bad.fmu) did not let go; its process is killed"]
 
 
 def test_what_was_killed_as_a_whole_is_removed_by_the_next_and_what_lives_is_not(tmp_path: Path) -> None:

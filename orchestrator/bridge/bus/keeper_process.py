@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gc
 import logging
-import mmap
 import os
 import select
 import signal
@@ -22,12 +21,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from typing import NoReturn
 
-import numpy as np
-
 from fmus.errors import BusError, ServotwinError
+from orchestrator.bridge.bus.board import Board
 from orchestrator.bridge.bus.keeper import Keeper
 from orchestrator.bridge.bus.traffic import BusTraffic, on_buses
 from orchestrator.bridge.bus.traffic_report import TrafficReport
@@ -40,7 +38,6 @@ from orchestrator.realtime.priority import short_time_slices
 from orchestrator.trace import FloatArray
 
 _BEGIN, _END = -2, -1  # instead of the number of a step; with the instant of the first, and the number of the last
-_TRIES = 1000  # to read values that are not just being written
 _TELLING = 0.5  # between two reports of how it goes [s]
 _ENDING = 10.0  # patience with the process at the end [s]
 _TROUBLE, _OVER = 1, 2  # what the steps are told
@@ -49,43 +46,13 @@ if sys.platform != "win32":
     _DEAF += [signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGTTOU, signal.SIGTTIN]
 
 
-class _Board:
-    """Values in memory that two processes share: one writes, one reads, and neither waits."""
-
-    def __init__(self, width: int) -> None:
-        memory = mmap.mmap(-1, 8 * (2 + width))
-        self._head = np.frombuffer(memory, np.int64, 2)  # number of writings, odd while there is one; flags
-        self._values = np.frombuffer(memory, np.float64, width, 16)
-        self._latest = self._values.copy()
-
-    @property
-    def flags(self) -> int:
-        return int(self._head[1])
-
-    def write(self, values: FloatArray, flags: int) -> None:
-        self._head[0] += 1
-        self._values[:] = values
-        self._head[1] = flags
-        self._head[0] += 1
-
-    def read(self) -> FloatArray:
-        """The values as they were at one time; the last ones where the writer died while it wrote."""
-        for _ in range(_TRIES):
-            number = self._head[0]
-            values = self._values.copy()
-            if number % 2 == 0 and self._head[0] == number:
-                self._latest = values
-                break
-        return self._latest
-
-
 class _ProcessKeeper:
     """What the steps have of it."""
 
     def __init__(
         self,
         buses: Sequence[BusSettings],
-        board: _Board,
+        board: Board,
         steps: socket.socket,
         news: Connection,
         coupling: Coupling,
@@ -94,9 +61,11 @@ class _ProcessKeeper:
     ) -> None:
         self._buses, self._board, self._steps, self._news, self._process = buses, board, steps, news, process
         self._coupling, self._step, self._place = coupling, step, _place(buses)
-        self._number, self._taken = -1, 0.0
+        self._number = -1
+        self._seen, self._written, self._still = 0.0, 0, 0.0  # its last sign of life, and for how long there was none
+        self._lost, self._over = False, Event()
         self._form = struct.Struct(f"qd{len(coupling.outputs)}d")
-        self._report: TrafficReport | None = None
+        self._report = TrafficReport.of_nobody(coupling)
         self._status = Figures.of("", {})
         self._thread = Thread(target=self._listen, name="news of the bus", daemon=True)
 
@@ -119,14 +88,16 @@ class _ProcessKeeper:
 
     def send(self, number: int, outputs: Sequence[float], now: float, deadline: float) -> None:
         self._number = number
-        if self._tell(number, deadline, outputs):
-            self._taken = now
-        elif now - self._taken > self._coupling.rules.give_up:
-            problem = f"the process that has the bus has taken nothing for {now - self._taken:.3g} s"
+        self._tell(number, deadline, outputs)
+        written, since, self._seen = self._board.writings, now - self._seen, now
+        self._still = self._still + min(since, self._step) if written == self._written else 0.0  # pauses are no matter
+        self._written = written
+        if self._still > self._coupling.rules.give_up:
+            problem = f"the process that has the bus has taken nothing for {self._still:.3g} s"
             raise BusError(self._place, problem, "see what keeps it")
 
     def ends(self, endures: bool) -> bool:
-        if not self._thread.is_alive():
+        if self._lost:
             raise self._gone()
         return bool(self._board.flags & (_OVER if endures else _OVER | _TROUBLE))
 
@@ -134,29 +105,20 @@ class _ProcessKeeper:
         return self._status
 
     def end(self) -> TrafficReport:
+        self._over.set()
         self._steps.settimeout(min(self._coupling.rules.give_up, _ENDING))  # it is to hear of it after all the rest
         with suppress(ServotwinError):
-            self._tell(_END, self._number, [0.0] * len(self._coupling.outputs))
-            self._thread.join(_ENDING)
-        return self._report or self._in_its_place()
+            if self._tell(_END, self._number, [0.0] * len(self._coupling.outputs)):
+                self._thread.join(_ENDING)
+        if self._thread.is_alive():
+            _kill(self._process)
+            self._thread.join()
+        return self._report
 
-    def _in_its_place(self) -> TrafficReport:
-        """Send the safe values from here, where the process that has the bus is gone, or does not end."""
-        if sys.platform == "win32":
-            raise OSError("Windows does not fork")
-        os.kill(self._process, signal.SIGKILL)
-        self._thread.join()
-        nothing = TrafficReport.of_nobody(self._coupling)
-        try:
-            with on_buses(self._buses, self._coupling, self._step, self._say) as traffic:
-                for _ in range(2):  # counters begin anew: one of two values is another than the last
-                    traffic.end(0.0)
-                report = traffic.report(0.0)
-        except ServotwinError:
-            return nothing
-        sent = report.doubt() if report.unconfirmed else "safe values were sent by the process that steps"
-        self._say(f"{self._place}: {sent}")
-        return replace(report, trouble=report.trouble or nothing.trouble)
+    def release(self) -> None:
+        """Nothing is stepped any more."""
+        self._over.set()
+        self._steps.close()  # the process ends with this
 
     def _tell(self, number: int, stamp: float, values: Sequence[float]) -> bool:
         """Whether there was room for it; the latest that is there counts."""
@@ -172,7 +134,10 @@ class _ProcessKeeper:
         return BusError(self._place, "the process that has the bus is gone", "stop the machine by hand")
 
     def _listen(self) -> None:
-        """Pass on what the process says, to its report."""
+        """Pass on what the process says, to its report; where it dies before that, do its last work.
+
+        Whether steps go on or hang then, this thread does not wait for them.
+        """
         with suppress(EOFError, OSError):
             while not isinstance(news := self._news.recv(), TrafficReport):
                 if isinstance(news, Figures):
@@ -180,6 +145,27 @@ class _ProcessKeeper:
                 else:
                     self._say(news)
             self._report = news
+            return
+        self._lost = True
+        self._report = self._in_its_place()
+        patience = 2 * self._coupling.rules.give_up
+        if not self._over.wait(patience):
+            why = f"{self._gone().problem}, and no step has ended for {patience:g} s"
+            last_words.own().say(last_words.KILLED, why)
+            _kill(os.getpid())
+
+    def _in_its_place(self) -> TrafficReport:
+        """Send the safe values from here."""
+        try:
+            with on_buses(self._buses, self._coupling, self._step, self._say) as traffic:
+                for _ in range(2):  # counters begin anew: one of two values is another than the last
+                    traffic.end(0.0)
+                report = traffic.report(0.0)
+        except Exception:  # drivers raise anything
+            return self._report
+        sent = report.doubt() if report.unconfirmed else "safe values were sent by the process that steps"
+        self._say(f"{self._place}: {sent}")
+        return replace(report, trouble=report.trouble or self._report.trouble)
 
 
 @contextmanager
@@ -203,7 +189,7 @@ def apart(
     """
     if sys.platform == "win32":
         raise OSError("Windows does not fork")
-    board = _Board(coupling.width)
+    board = Board(coupling.width)
     steps, theirs = socket.socketpair()
     news, told = Pipe(duplex=False)
     parent, child = os.getpid(), os.fork()
@@ -214,18 +200,24 @@ def apart(
     theirs.close()
     told.close()
     steps.setblocking(False)
+    keeper = _ProcessKeeper(buses, board, steps, news, coupling, step, child)
     try:
-        keeper = _ProcessKeeper(buses, board, steps, news, coupling, step, child)
         keeper.opened(say)
         yield keeper
     finally:
-        steps.close()  # it ends with this
+        keeper.release()
         _await(child)
         news.close()
 
 
 def _place(buses: Sequence[BusSettings]) -> str:
     return " and ".join(bus.place for bus in buses)
+
+
+def _kill(process: int) -> None:
+    if sys.platform == "win32":
+        raise OSError("Windows does not fork")
+    os.kill(process, signal.SIGKILL)
 
 
 def _await(child: int) -> None:
@@ -247,7 +239,7 @@ class _Guard:
         buses: Sequence[BusSettings],
         coupling: Coupling,
         step: float,
-        board: _Board,
+        board: Board,
         steps: socket.socket,
         news: Connection,
         parent: int,

@@ -13,10 +13,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from subprocess import Popen
+from typing import Any
 
 import can
 import pytest
 
+from fmus.errors import BusError
 from orchestrator import formats
 from orchestrator.bridge.bus.keeper_process import apart
 from orchestrator.can.slcan.hub import Hub, hub_process
@@ -29,7 +31,7 @@ from tests.support.tools.own_processes import children
 
 pytestmark = pytest.mark.slow  # processes
 
-LAW = {
+LAW: dict[str, Any] = {
     "title": "A law on a bus",
     "components": {"law": {"model": "energy_controller", "parameters": {"gain": 0.02, "sample_time": 0.005}}},
     "run": {"stop": 600, "step": 0.005},
@@ -73,7 +75,7 @@ class Peer:
 
 
 @contextmanager
-def driving(folder: Path, law: dict[str, object] = LAW, how: str = "bridge") -> Iterator[tuple[Popen[str], Peer, Hub]]:
+def driving(folder: Path, law: dict[str, Any] = LAW, how: str = "bridge") -> Iterator[tuple[Popen[str], Peer, Hub]]:
     """A bridge, or a bench, whose commands are not the safe value."""
     (folder / "rig.dbc").write_text(DBC)
     (folder / "law.yaml").write_text(json.dumps(law))
@@ -115,6 +117,16 @@ def asleep(process: int) -> bool:
     return "pause" in Path(f"/proc/{process}/wchan").read_text()
 
 
+def moody(fmu: Path, mood: Mood | int, give_up: float) -> dict[str, Any]:
+    """A law that drives, and misbehaves after 1 s."""
+    can = LAW["can"] | {
+        "receive": {"law.flow": {"signal": "speed", "safe": 0}},
+        "send": {"voltage": {"source": "law.level", "safe": 1000}},
+        "give_up": give_up,
+    }
+    return LAW | {"components": {"law": {"fmu": str(fmu), "parameters": {"mood": int(mood), "at": 1}}}, "can": can}
+
+
 @pytest.mark.parametrize(
     ("number", "how", "give_up"),
     [
@@ -129,13 +141,7 @@ def asleep(process: int) -> bool:
 def test_a_wish_to_end_is_one_where_an_fmu_hangs_and_the_last_value_is_the_safe_one(
     tmp_path: Path, hanging: Path, number: signal.Signals, how: str, give_up: float
 ) -> None:
-    can = LAW["can"] | {  # type: ignore[operator]
-        "receive": {"law.flow": {"signal": "speed", "safe": 0}},
-        "send": {"voltage": {"source": "law.level", "safe": 1000}},
-        "give_up": give_up,
-    }
-    parts = {"law": {"fmu": str(hanging), "parameters": {"mood": Mood.HANG, "at": 1}}}
-    with driving(tmp_path, LAW | {"components": parts, "can": can}, how) as (bridge, peer, _):
+    with driving(tmp_path, moody(hanging, Mood.HANG, give_up), how) as (bridge, peer, _):
         wait_for(lambda: asleep(stepping(bridge)))
         bridge.send_signal(number)
         _, complaints = bridge.communicate(timeout=HANG)
@@ -144,6 +150,37 @@ def test_a_wish_to_end_is_one_where_an_fmu_hangs_and_the_last_value_is_the_safe_
     assert re.search(r"interrupted; law \(.*brute.fmu\) did not let go\n$", complaints)
     assert "the steps are gone; safe values were sent" in complaints
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "failed"
+
+
+GUARD, STEPS, BUS = "the guard", "the steps", "the bus"
+IN_PLACE = "safe values were sent by the process that steps"
+
+
+@pytest.mark.parametrize(
+    ("killed", "mood", "how", "says"),
+    [
+        (GUARD, 0, "bridge", ["the process that watches over the command is gone; the command ends"]),
+        (GUARD, Mood.HANG, "bridge", ["over the command is gone", "the steps are gone; safe values were sent"]),
+        (GUARD, Mood.HANG, "bench", ["law (", "did not let go", "the steps are gone; safe values were sent"]),
+        (STEPS, Mood.HANG, "bench", ["the steps are gone; safe values were sent", "killed (SIGKILL): by somebody"]),
+        (BUS, 0, "bench", [IN_PLACE, "the process that has the bus is gone"]),
+        (BUS, Mood.HANG, "bridge", [IN_PLACE, "the FMU hangs", "bus is gone, and no step has ended for 3 s"]),
+    ],
+)
+def test_whichever_process_is_killed_the_safe_values_go_out_the_others_end_and_say_so(
+    tmp_path: Path, hanging: Path, killed: str, mood: Mood | int, how: str, says: list[str]
+) -> None:
+    with driving(tmp_path, moody(hanging, mood, give_up=1.5), how) as (command, peer, _):
+        steps = stepping(command)
+        wait_for((lambda: asleep(steps)) if mood else (lambda: (tmp_path / "out").exists() or peer.drives()))
+        os.kill({GUARD: command.pid, STEPS: steps, BUS: children(steps)[0]}[killed], signal.SIGKILL)
+        _, complaints = command.communicate(timeout=HANG)  # until none is left that could say something
+        wait_for(peer.rests)
+    said = " ".join(complaints.split())
+    assert all(words in said for words in says) and "Traceback" not in said, said
+    assert command.returncode == (-signal.SIGKILL if killed == GUARD else 3)
+    ended = json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"]
+    assert ended == ("stopped" if killed == GUARD and not mood else "failed")
 
 
 def test_a_process_that_is_stopped_for_a_time_sends_no_old_commands_and_goes_on(tmp_path: Path) -> None:
@@ -256,3 +293,21 @@ def test_of_all_that_a_guard_has_not_taken_in_a_pause_the_latest_counts_and_it_h
             report = keeper.end()
     assert report.trouble == "" and report.unconfirmed == ()
     assert report.frames + report.skipped == 20_000 + 1  # with the safe value
+
+
+def test_a_guard_that_stands_still_is_known_by_its_time_however_few_the_steps(tmp_path: Path) -> None:
+    block = {"send": {"torque": {"source": "rig.torque", "safe": 0}}, "every": {"Guarded": 1}, "give_up": 2}
+    coupling, said = couple(sample_database(tmp_path), **block), list[str]()
+    with hub_process(tmp_path / "bus", 2) as hub:
+        others = set(children(os.getpid()))
+        with apart([settings(hub.paths[0])], coupling, 1.0, said.append, kills=False) as keeper:
+            (guard,) = set(children(os.getpid())) - others
+            keeper.begin(time.monotonic())
+            os.kill(guard, signal.SIGSTOP)
+            keeper.send(0, [0.25], 0.0, 0.0)
+            keeper.send(1, [0.25], 100.0, 100.0)  # this process, too, stood still
+            keeper.send(2, [0.25], 101.0, 101.0)
+            with pytest.raises(BusError, match=r"the process that has the bus has taken nothing for 3 s"):
+                keeper.send(3, [0.25], 102.0, 102.0)
+            report = keeper.end()
+    assert report.unconfirmed == () and "safe values were sent by the process that steps" in said[-1]
