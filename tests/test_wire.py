@@ -98,15 +98,16 @@ def awaited(path: Path, limit: float = 240.0) -> None:
 def test_when_the_energy_controller_is_killed_the_hand_is_left_without_voltage_and_only_loses_energy(
     tmp_path: Path,
 ) -> None:
-    """Controller and the process that has its bus are killed at once, so that nobody can send a safe value."""
+    """The steps and the process that has their bus are killed at once, so that nobody can send a safe value."""
     bus, bench = tmp_path / "bus", tmp_path / "bench"
     served = ("--serve", bus, "--ports", 2, "--out", bench)
     with command(tmp_path / "rig", "can", "bench", BUS / "rig.yaml", *served) as rig:
         wired = ("--interface", "slcan", "--channel", bus / "1", "--bitrate", 500000, "--duration", 600)
         with command(tmp_path / "controller", "can", "bridge", BUS / "controller.yaml", *wired) as controller:
             time.sleep(5)
-            os.killpg(controller.pid, signal.SIGKILL)
-            controller.wait()
+            (steps,) = children(controller.pid)
+            os.killpg(steps, signal.SIGKILL)
+            assert controller.wait() == 3
         time.sleep(5)
         rig.send_signal(signal.SIGTERM)
         assert rig.wait(60) == 0

@@ -2,17 +2,23 @@
 
 The real bus is one more node of the simulated one. What comes from it goes over the simulated bus again, in the step
 after it came; what got through there is given to the adapter when the step is over. Nothing passes in steps that are
-too late, nor to an adapter that is full: frames are dropped and counted, not sent when they are old.
+too late, nor to an adapter that is full: frames are dropped and counted, not sent when they are old. Steps that are too
+late for long, and those that do not end, end it: nobody knows values that would be safe to send.
 """
 
 from __future__ import annotations
 
 import logging
+import os
+import signal
+import sys
+import threading
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 from fmus.errors import BusError, InputError
 from orchestrator.bridge.safety.resting import usual_lateness
@@ -27,9 +33,12 @@ from orchestrator.can.ls_bus.operations import Transmit, TransmitFd, decoded, en
 from orchestrator.engine import Result, Run, Simulation, Sink
 from orchestrator.live.paced import Paced
 from orchestrator.network.carriers import CanBus
+from orchestrator.processes import last_words
 
 LOG = logging.getLogger("servotwin.can")
 _QUEUE = 4096  # frames that wait to be taken at most
+UNSAFE = "network FMUs send here, and have no safe values: if they hear nothing, what they send is theirs to know"
+_LOOKS = 20  # in the time in which a step has to end
 _REFUSING = 0.1  # for which an adapter may refuse all frames where nothing is received [s]
 _ROOM = 0.005  # for which an adapter may have no room, once; until it takes a frame again it is not waited for [s]
 
@@ -38,7 +47,7 @@ class RealNode:
     """A real bus as a node of a simulated one; see `BusNode` for the methods.
 
     Args:
-        most_late: by how much a step may be late [s].
+        most_late: by how much a step may be late [s]; give_up: by how much until this ends [s].
 
     Attributes:
         late: by how much the step is that is being taken [s].
@@ -46,8 +55,9 @@ class RealNode:
 
     notified = False
 
-    def __init__(self, bus: BusSettings, most_late: float, stack: ExitStack) -> None:
+    def __init__(self, bus: BusSettings, most_late: float, give_up: float, stack: ExitStack) -> None:
         self.name, self._settings, self._most_late, self.late = bus.place, bus, most_late, 0.0
+        self._give_up = give_up
         link = stack.enter_context(linked(bus, _REFUSING, lambda line: LOG.warning("%s", line)))
         receiver = stack.enter_context(Receiver(link, _QUEUE, most_late=most_late))
         self._line = SendingLine(link, receiver, Backlog(bus), most_late, self.name)
@@ -77,7 +87,7 @@ class RealNode:
         """A step begins that is so late [s].
 
         Raises:
-            BusError: the bus is lost.
+            BusError: the bus is lost, or the step is too late.
         """
         now, line = time.monotonic(), self._line
         self.late = late
@@ -88,6 +98,8 @@ class RealNode:
             self._count(len(line.take()), "frames were left out: they came before the first step")
         if trouble := line.link.trouble or str(line.receiver.failure or ""):
             raise BusError(self.name, f"is lost ({trouble})", "see to the adapter and the wiring")
+        if late > self._give_up:
+            raise BusError(self.name, f"steps are {late:.3g} s late", "give it a faster machine, or a longer step")
 
     @property
     def _is_late(self) -> bool:
@@ -138,13 +150,38 @@ class Coupled:
                 places, f"{len(self.buses)} buses for {len(own)} of the scenario ({names})", "give one each"
             )
         with ExitStack() as stack:
-            most_late = usual_lateness(float(simulation.timing.step))
-            nodes = [RealNode(bus, most_late, stack) for bus in self.buses]
-            for carrier, node in zip(own, nodes, strict=True):
-                stack.enter_context(carrier.joined(node))
+            usual, nodes = usual_lateness(float(simulation.timing.step)), []
+            for carrier, bus in zip(own, self.buses, strict=True):
+                spec = carrier.spec
+                nodes.append(RealNode(bus, spec.most_late or usual, spec.give_up, stack))
+                stack.enter_context(carrier.joined(nodes[-1]))
+                LOG.warning("%s: %s", bus.place, UNSAFE)
+            patience = 2 * min(carrier.spec.give_up for carrier in own)
+            return replace(self.paced, stepping=partial(_stepping, nodes, patience)).execute(simulation, run, sink)
 
-            def begin(late: float) -> None:
-                for node in nodes:
-                    node.begin(late)
 
-            return replace(self.paced, begins=begin).execute(simulation, run, sink)
+@contextmanager
+def _stepping(nodes: Sequence[RealNode], patience: float) -> Iterator[Callable[[float], None]]:
+    """Tell the nodes of steps; kill this process where none begins for so long while it runs [s]."""
+    begun, over = threading.Event(), threading.Event()
+
+    def begin(late: float) -> None:
+        begun.set()
+        for node in nodes:
+            node.begin(late)
+
+    def watch() -> None:
+        looks = 0
+        while not over.wait(patience / _LOOKS):  # a computer that stood still has not looked
+            looks = 0 if begun.is_set() else looks + 1
+            begun.clear()
+            if looks > _LOOKS:
+                last_words.own().say(last_words.KILLED, f"no step has ended for {patience:g} s")
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    if sys.platform != "win32":
+        threading.Thread(target=watch, name="watch over steps", daemon=True).start()
+    try:
+        yield begin
+    finally:
+        over.set()

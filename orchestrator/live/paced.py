@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -27,11 +28,11 @@ class Paced:
     """Runs simulations in real time.
 
     Attributes:
-        begins: told before each step how late it is [s].
+        stepping: what lasts for as long as steps are taken; it gives what is told before each how late it is [s].
     """
 
     steering: Steering
-    begins: Callable[[float], None] = lambda lateness: None
+    stepping: Callable[[], AbstractContextManager[Callable[[float], None]]] = lambda: nullcontext(lambda lateness: None)
 
     def execute(self, simulation: Simulation, run: Run, sink: Sink | None = None) -> Result:
         """The result of a run, with what was changed meanwhile and how the deadlines were kept.
@@ -48,11 +49,12 @@ class Paced:
         shown = [name for name in simulation.outputs if name in recorded][:SHOWN]
         with stop_requests() as stop:
             live = simulation.live(first, shown, sink or pieces.append, self.steering.tuned)
-            going = _Going(live, simulation.timing.step, stimuli, stop, self.begins)
+            going = _Going(live, simulation.timing.step, stimuli, stop)
             failure: FmuError | BusError | None = None
             with self.steering.begun(live, float(simulation.timing.step)) as requests, quiet():
                 try:
-                    going.through(requests.make, self.steering.progress)
+                    with self.stepping() as begins:
+                        going.through(begins, requests.make, self.steering.progress)
                 except (FmuError, BusError) as error:
                     failure = error
             result = live.result()
@@ -73,19 +75,17 @@ class _Going:
     Args:
         step: between two beginnings of steps [s].
         stimuli: (K, s) values from each step on.
-        begins: told before each step how late it is [s].
     """
 
-    def __init__(
-        self, live: LiveRun[Result], step: Fraction, stimuli: FloatArray, stop: Stop, begins: Callable[[float], None]
-    ) -> None:
-        self._live, self._step, self._stimuli, self._stop, self._begins = live, step, stimuli, stop, begins
+    def __init__(self, live: LiveRun[Result], step: Fraction, stimuli: FloatArray, stop: Stop) -> None:
+        self._live, self._step, self._stimuli, self._stop = live, step, stimuli, stop
         self.deadlines = Deadlines(float(step))
 
-    def through(self, change: Callable[[], None], progress: Progress) -> None:
+    def through(self, begins: Callable[[float], None], change: Callable[[], None], progress: Progress) -> None:
         """Step to the end, or until it is told to end.
 
         Args:
+            begins: told before each step how late it is [s].
             change: makes changes, before each step.
 
         Raises:
@@ -102,7 +102,7 @@ class _Going:
             if self._stop.requested:
                 return
             deadlines.begun(now - deadline)
-            self._begins(now - deadline)
+            begins(now - deadline)
             live.given[:] = given
             change()
             live.step()

@@ -58,7 +58,7 @@ class Carrier:
     warnings = 0
 
     def __init__(self, name: str, spec: BusSpec, nodes: Sequence[BusNode]) -> None:
-        self.name, self.interface, self._spec, self._nodes = name, interface(spec), spec, tuple(nodes)
+        self.name, self.interface, self.spec, self._nodes = name, interface(spec), spec, tuple(nodes)
         self._outputs: Sequence[str] = ()
         self._values: dict[str, float] = {}
         self._start = 0.0
@@ -122,7 +122,7 @@ class CanBus(Carrier):
         self._bus = self._between(self._nodes)
 
     def _between(self, nodes: Sequence[BusNode]) -> IdealBus:
-        return IdealBus(self.name, [node.name for node in nodes], self._spec.bitrate, self._spec.data_bitrate)
+        return IdealBus(self.name, [node.name for node in nodes], self.spec.bitrate, self.spec.data_bitrate)
 
     @contextmanager
     def joined(self, node: BusNode) -> Iterator[None]:

@@ -121,23 +121,43 @@ def _frame(
         check_sendable(message)
     signals = tuple(_signal(place, message, signal, named[signal.name], causality, crossings) for signal in taken)
     mask = received_by(database, message)
-    frame = Frame(message.name, message.id, message.extended, message.fd, message.length, 0, signals, mask=mask)
+    frame = Frame(
+        message.name,
+        message.id,
+        message.extended,
+        message.fd,
+        message.length,
+        0,
+        signals,
+        mask=mask,
+        counter=_counter(place, message),
+        checksum=_checksum(message),
+    )
     return frame if causality == "input" else _sent(place, message, frame, notes)
+
+
+def _counter(place: str, message: MessageSpec) -> tuple[FrameSignal, int] | None:
+    if message.protection is None or not message.protection.counter:
+        return None
+    counting = message.signal(message.protection.counter)
+    modulus = message.protection.modulus or 1 << counting.length
+    return FrameSignal("", *place_of(place, counting), 1.0, 0.0, 0.0, modulus - 1.0), modulus
+
+
+def _checksum(message: MessageSpec) -> Checksum | None:
+    protection = message.protection
+    if protection is None or not protection.checksum:
+        return None
+    crc, byte = ALGORITHMS[protection.algorithm], checksum_byte(message.signal(protection.checksum))
+    assert byte is not None
+    return Checksum(byte, message.length, crc.polynomial, crc.start, crc.mask, protection.data_id)
 
 
 def _sent(place: str, message: MessageSpec, frame: Frame, notes: list[str]) -> Frame:
     """The frame as it is sent."""
     if not message.cycle:
         raise DatabaseError(place, "has no period, by which a network FMU sends it", "give it a GenMsgCycleTime")
-    protection, counter, checksum = message.protection, None, None
-    if protection is not None and protection.counter:
-        counting = message.signal(protection.counter)
-        modulus = protection.modulus or 1 << counting.length
-        counter = FrameSignal("", *place_of(place, counting), 1.0, 0.0, 0.0, modulus - 1.0), modulus
-    if protection is not None and protection.checksum:
-        crc, byte = ALGORITHMS[protection.algorithm], checksum_byte(message.signal(protection.checksum))
-        assert byte is not None
-        checksum = Checksum(byte, crc.polynomial, crc.start, crc.mask, protection.data_id)
+    protection = message.protection
     filled = {signal.variable for signal in frame.signals}
     filled |= {protection.counter, protection.checksum} if protection else set()
     others = [signal for signal in message.signals if signal.name not in filled]
@@ -150,8 +170,6 @@ def _sent(place: str, message: MessageSpec, frame: Frame, notes: list[str]) -> F
         length=longest(message),
         period=round(message.cycle * 1e9),
         pages=pages_of(place, message, given),
-        counter=counter,
-        checksum=checksum,
     )
 
 

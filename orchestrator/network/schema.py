@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from orchestrator.network.bus_spec import BusSpec
-from orchestrator.yaml_file import Block
+from orchestrator.yaml_file import Block, Time
 
 Rate = Annotated[int, Field(gt=0)]
 
@@ -27,6 +27,8 @@ class BusBlock(Block):
     data_bitrate: Rate | None = None
     direct: bool = BusSpec.direct
     database: Path | None = None
+    most_late: Annotated[Time, Field(gt=0)] | None = None
+    give_up: Time = Field(BusSpec.give_up, gt=0)
 
     @model_validator(mode="after")
     def _direct_is_a_wire(self) -> BusBlock:
@@ -37,4 +39,5 @@ class BusBlock(Block):
     def spec(self, base: Path) -> BusSpec:
         """The bus; its database is relative to `base`."""
         database = None if self.database is None else base / self.database
-        return BusSpec(tuple(self.nodes), self.bitrate, self.data_bitrate, self.direct, database)
+        times = self.most_late, self.give_up
+        return BusSpec(tuple(self.nodes), self.bitrate, self.data_bitrate, self.direct, database, *times)

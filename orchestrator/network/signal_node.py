@@ -46,7 +46,7 @@ class HighCutNode:
             if isinstance(operation, Transmit | TransmitFd):
                 frame = self._received.get((operation.id, operation.extended))
                 values = self._decoder.decode(message_of(operation)) if frame is not None else None
-                if frame is not None and values is not None:
+                if frame is not None and values is not None and not self._decoder.fault:
                     self._slave.deliver(frame.clock, self._values(frame, values))
 
     def remarks(self) -> list[str]:

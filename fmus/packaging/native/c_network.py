@@ -88,9 +88,10 @@ def _signal(signal: FrameSignal, reference: int, conditions: Sequence[SelectedBy
 
 def _frame(frame: Frame, number: int, first: int) -> str:
     check, modulus = frame.checksum, frame.counter[1] if frame.counter else 0
-    crc = [-1, 0, 0, 0, -1]
+    crc = [-1, 0, 0, 0, 0, -1]
     if check is not None:
-        crc = [check.byte, check.polynomial, check.start, check.mask, -1 if check.data_id is None else check.data_id]
+        data_id = -1 if check.data_id is None else check.data_id
+        crc = [check.byte, check.length, check.polynomial, check.start, check.mask, data_id]
     whole = [frame.id, frame.mask, frame.extended, frame.fd, frame.length, first, len(frame.signals), modulus, *crc]
     whole.append(len(frame.pages))
     fields = [c_code.string(frame.name), *(str(int(one)) for one in whole), f"UINT64_C({frame.period})"]

@@ -46,9 +46,14 @@ class FrameSignal:
 
 @dataclass(frozen=True)
 class Checksum:
-    """A CRC of 8 bits over all other bytes: the byte that it fills, and what it is computed with."""
+    """A CRC of 8 bits over all others of the first bytes: the byte that it fills, and what it is computed with.
+
+    Attributes:
+        length: how many bytes.
+    """
 
     byte: int
+    length: int
     polynomial: int
     start: int
     mask: int

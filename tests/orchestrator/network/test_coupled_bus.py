@@ -31,7 +31,8 @@ from tests.support.commands import servotwin
 from tests.support.tools.own_processes import children
 
 Node = Callable[..., Path]
-BUS = {"can0": {"nodes": ["a.Can", "b.Can"], "bitrate": 500_000}}
+PATIENT = {"most_late": 1e4, "give_up": 1e5}  # a busy computer is no fault
+BUS = {"can0": {"nodes": ["a.Can", "b.Can"], "bitrate": 500_000} | PATIENT}
 FAST = {"period": 0.004, "first": 0.004}
 
 
@@ -42,18 +43,17 @@ def peer(tmp_path: Path) -> Iterator[can.BusABC]:
         yield bus
 
 
-@pytest.fixture(autouse=True)
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A busy computer is no fault."""
-    monkeypatch.setattr("orchestrator.bridge.coupled_bus.usual_lateness", lambda step: 1e4)
-
-
 def coupled(file: Path, *channels: str) -> Result:
     buses = tuple(BusSettings("virtual", channel) for channel in channels)
     keeping = Keeping(execute=Coupled(Paced(Steering()), buses).execute)
     found = run_scenario(file, keeping=keeping).cases[0].result
     assert found is not None
     return found
+
+
+def limited(**times: float) -> dict[str, Any]:
+    """The bus with these limits of time."""
+    return {"can0": BUS["can0"] | times}
 
 
 def heard(bus: can.BusABC) -> list[tuple[int, bytes]]:
@@ -89,8 +89,10 @@ def test_what_comes_from_the_bus_is_received(node: Node, scenario: Any, peer: ca
     talking.join()
     assert found.trace["a.received"][-1] == 3
     assert found.trace["a.last_id"][-1] == 0x321
-    frames = [frame.arbitration_id for frame in found.carried["can0"].frames.messages()]
-    assert frames.count(0x321) == 3 and found.trace["b.received"][-1] >= len(frames) - 2
+    frames = list(found.carried["can0"].frames.messages())
+    assert [frame.arbitration_id for frame in frames].count(0x321) == 3
+    taken = [frame for frame in frames if frame.timestamp <= 0.49]  # those of the last step are for the next
+    assert found.trace["b.received"][-1] == len(taken) == len(frames) - 2
     assert {identifier for identifier, _ in heard(peer)} == {0x100}
 
 
@@ -111,8 +113,40 @@ def test_what_comes_before_the_first_step_is_left_out(
 
 
 @pytest.mark.slow
+def test_a_network_fmu_that_hangs_ends_with_its_command(node: Node, scenario: Any, tmp_path: Path) -> None:
+    parts = {"a": (node(), FAST), "b": (node(), {"first": 10, "hangs": 1})}
+    file = scenario(parts, limited(give_up=1), step=0.01, stop=600)
+    with hub_process(tmp_path / "bus", 2) as hub:
+        options = ["--interface", "slcan", "--channel", hub.paths[1], "--bitrate", BITRATE, "--out", tmp_path / "out"]
+        with command("can", "bridge", file, *options) as bridge:
+            _, complaints = bridge.communicate(timeout=HANG)
+    assert (
+        bridge.returncode == 3 and "the FMU hangs, and its process was killed: no step has ended for 2 s" in complaints
+    )
+    assert "network FMUs send here, and have no safe values" in complaints
+
+
+@pytest.mark.slow
+def test_network_fmus_whose_steps_are_too_late_end_with_their_result(node: Node, scenario: Any, tmp_path: Path) -> None:
+    file = scenario({"a": (node(), FAST), "b": (node(), {})}, limited(give_up=1), step=0.01, stop=600)
+    with hub_process(tmp_path / "bus", 2) as hub, joined(hub.paths[0]) as other:
+        options = ["--interface", "slcan", "--channel", hub.paths[1], "--bitrate", BITRATE, "--out", tmp_path / "out"]
+        with command("can", "bridge", file, *options) as bridge:
+            assert other.recv(HANG) is not None
+            (process,) = children(bridge.pid)
+            os.kill(process, signal.SIGSTOP)
+            time.sleep(1.5)
+            os.kill(process, signal.SIGCONT)
+            _, complaints = bridge.communicate(timeout=HANG)
+    said = " ".join(complaints.split())
+    assert bridge.returncode == 3 and re.search(r"steps are [\d.]+ s late; give it a faster machine", said), said
+    assert len(formats.read(tmp_path / "out" / "run.parquet").trace) > 1
+
+
+@pytest.mark.slow
 def test_after_a_pause_of_its_process_no_old_frames_pass_either_way(node: Node, scenario: Any, tmp_path: Path) -> None:
-    file = scenario({"a": (node(), FAST), "b": (node(), {"first": 10})}, BUS, step=0.01, stop=4)
+    parts = {"a": (node(), FAST), "b": (node(), {"first": 10})}
+    file = scenario(parts, limited(most_late=0.05), step=0.01, stop=4)
     with hub_process(tmp_path / "bus", 2) as hub, joined(hub.paths[0]) as other:
         options = ["--interface", "slcan", "--channel", hub.paths[1], "--bitrate", BITRATE, "--out", tmp_path / "out"]
         with command("can", "bridge", file, *options, "--json") as bridge:

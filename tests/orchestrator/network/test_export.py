@@ -282,28 +282,79 @@ def test_the_sources_of_its_bus_compile_without_a_warning(built: dict[str, Path]
         assert done.returncode == 0, done.stderr
 
 
-def test_a_frame_that_is_too_short_or_another_is_not_taken(built: dict[str, Path], tmp_path: Path) -> None:
-    folder = fmpy.extract(str(built["taker"]), str(tmp_path))
-    description = fmpy.read_model_description(folder)
+def received(fmu: Path, folder: Path, variable: str, operations: list[Transmit]) -> list[float]:
+    """What a variable is after each of these, one after the other."""
+    place = fmpy.extract(str(fmu), str(folder))
+    description = fmpy.read_model_description(place)
     references = {variable.name: variable.valueReference for variable in description.modelVariables}
-    fmu = _slave(folder, description)
-    fmu.instantiate(eventModeUsed=True)
-    fmu.enterInitializationMode()
-    fmu.exitInitializationMode()
-    for data, wanted in (
-        (Transmit(512, True, False, 2, b"\1\2"), 0.0),
-        (Transmit(512, True, False, 4, np.float32(2.5).tobytes()), 0.0),
-        (Transmit(512, True, False, 8, np.float32(2.5).tobytes() + bytes(4)), 2.5),
-        (Transmit(512, False, False, 8, np.float32(9.5).tobytes() + bytes(4)), 2.5),
-    ):
-        whole = ctypes.create_string_buffer(encoded([data]), len(encoded([data])))
-        fmu.fmi3SetClock(fmu.component, (ctypes.c_uint * 1)(references["lines.Rx_Clock"]), 1, (ctypes.c_bool * 1)(True))
+    slave, found = _slave(place, description), []
+    slave.instantiate(eventModeUsed=True)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    clock, place_of_data = ((ctypes.c_uint * 1)(references[f"lines.Rx_{name}"]) for name in ("Clock", "Data"))
+    for operation in operations:
+        whole = ctypes.create_string_buffer(encoded([operation]), len(encoded([operation])))
+        slave.fmi3SetClock(slave.component, clock, 1, (ctypes.c_bool * 1)(True))
         sizes, values = (ctypes.c_size_t * 1)(len(whole)), (fmi3Binary * 1)(ctypes.cast(whole, fmi3Binary))
-        fmu.fmi3SetBinary(fmu.component, (ctypes.c_uint * 1)(references["lines.Rx_Data"]), 1, sizes, values, 1)
-        fmu.updateDiscreteStates()
-        assert fmu.getFloat64([references["got_d"]]) == [wanted]
-    fmu.terminate()
-    fmu.freeInstance()
+        slave.fmi3SetBinary(slave.component, place_of_data, 1, sizes, values, 1)
+        slave.updateDiscreteStates()
+        found += slave.getFloat64([references[variable]])
+    slave.terminate()
+    slave.freeInstance()
+    return found
+
+
+def test_a_frame_that_is_too_short_or_another_is_not_taken(built: dict[str, Path], tmp_path: Path) -> None:
+    given = [
+        Transmit(512, True, False, 2, b"\1\2"),
+        Transmit(512, True, False, 4, np.float32(2.5).tobytes()),
+        Transmit(512, True, False, 8, np.float32(2.5).tobytes() + bytes(4)),
+        Transmit(512, False, False, 8, np.float32(9.5).tobytes() + bytes(4)),
+    ]
+    assert received(built["taker"], tmp_path, "got_d", given) == [0.0, 0.0, 2.5, 2.5]
+
+
+def mixed(value: float, count: int, damage: int = 0) -> Transmit:
+    """A frame with this value in `a`."""
+    spec = next(one for one in load_string(LAYOUT, "dbc").messages if one.name == "Mixed")
+    signals = {"a": value, "b": 0, "alive_counter": count, "spare": 0, "c": 0, "check": 0}
+    data = bytearray(spec.encode(signals, strict=False))
+    data[6] = checksum(bytes(data), "CRC8_SAE_J1850", 6, None) ^ damage
+    return Transmit(256, False, False, 8, bytes(data))
+
+
+def test_a_frame_that_cannot_be_trusted_changes_nothing(built: dict[str, Path], tmp_path: Path) -> None:
+    given = [mixed(3, 7), mixed(4, 8, damage=1), mixed(5, 8), mixed(6, 8), mixed(7, 9), mixed(8, 1)]
+    assert received(built["taker"], tmp_path, "got_a", given) == pytest.approx([3, 3, 5, 5, 7, 8])
+
+
+@pytest.mark.parametrize("odd", ["sqrt(at - t)", "infinite"])
+def test_a_frame_with_what_is_not_finite_is_not_sent(
+    tmp_path: Path, run: Run, odd: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    def outputs(t: Any, x: Any, u: Any, p: Any) -> dict[str, Any]:
+        broken = ops.sqrt(p.at - t) if odd != "infinite" else 1.0 / ops.sqrt(ops.maximum(p.at - t, 0.0))
+        return {"a": broken, "d": t}
+
+    names = (output("a", "V", "Breaks"), output("d", "V", "Goes on"), parameter("at", "s", 0.5, "When"))
+    breaks = on_bus(Model(name="breaks", description="Breaks", variables=names, outputs=outputs), LAYOUT, tmp_path)
+    bus = {"can0": {"nodes": ["g.lines"], "bitrate": 500_000}}
+    done = run({"g": (breaks, {})}, bus, step=0.005, nonfinite="allow")
+    frames = list(done.carried["can0"].frames.messages())
+    times = {number: [one.timestamp for one in frames if one.arbitration_id == number] for number in (256, 512)}
+    assert 0.48 < times[256][-1] < 0.52 and times[512][-1] > 0.97
+    assert re.search(r"'a' is (-?nan|inf): frame 'Mixed' is not sent", caplog.text)
+
+
+def test_a_checksum_does_not_count_what_fills_a_frame_up(tmp_path: Path, run: Run) -> None:
+    text = LAYOUT.replace("BO_ 300 Wide: 16 One", 'BO_ 300 Wide: 10 One\n SG_ seal : 72|8@1+ (1,0) [0|255] "" Other')
+    text = text.replace(' SG_ f : 100|13@1- (0.25,0) [0|0] "V" Other\n', "")
+    sealed = on_bus(giver(), text + 'BA_ "ChecksumSignal" BO_ 300 "seal";\n', tmp_path)
+    bus = {"can0": {"nodes": ["g.lines"], "bitrate": 500_000}}
+    frames = run({"g": (sealed, {})}, bus, step=0.005).carried["can0"].frames.messages()
+    wide = [bytes(one.data) for one in frames if one.arbitration_id == 300]
+    assert len(wide) > 50 and {len(data) for data in wide} == {12}
+    assert [data[9] for data in wide] == [checksum(data[:10], "CRC8_SAE_J1850", 9, None) for data in wide]
 
 
 def changed(*pairs: tuple[str, str]) -> str:

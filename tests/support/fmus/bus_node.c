@@ -3,15 +3,16 @@
    Every `period` it sends a frame with the identifier `id` and a count as data, the first at `first`: when its clock
    Tx_Clock is ticked (a countdown) or, `triggered`, when the step is over in which it is due. In the beginning it
    configures a bit `rate`, if not 0, and that its frames are given back, where `discard`. With `spoil` its second frame
-   is an operation that there is not. What it receives it counts. */
+   is an operation that there is not. From the time `hangs` on, if not 0, no step ends. What it receives it counts. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "fmi3Functions.h"
 
 enum { RX_DATA = 1, TX_DATA, RX_CLOCK, TX_CLOCK };
-enum { PERIOD = 10, FIRST, ID, RATE, DISCARD, SPOIL, TRIGGERED, PARAMETERS };
+enum { PERIOD = 10, FIRST, ID, RATE, DISCARD, SPOIL, TRIGGERED, HANGS, PARAMETERS };
 enum { NOTIFIED = 20 };
 enum { RECEIVED = 30, LAST_ID, LAST_TIME, CONFIRMED, LOST, COMPLAINTS, OUTPUTS };
 enum { INSTANTIATED = 1, INITIALISATION = 2, EVENT = 4, STEP = 8 };
@@ -196,6 +197,8 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
 {
     Instance *it = c;
     REQUIRE(it->mode == STEP && size > 0 && fabs(it->time - time) < 1e-9);
+    while (it->real[HANGS] && time >= it->real[HANGS])
+        pause();
     it->time = *last = time + size;
     while (it->real[TRIGGERED] && due(it) <= it->time + 1e-9)
         transmit(it);

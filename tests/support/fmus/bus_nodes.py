@@ -10,7 +10,7 @@ import fmpy
 from fmus.packaging import archive
 from tests.support.from_c import HEADERS, compiled
 
-PARAMETERS = ("period", "first", "id", "rate", "discard", "spoil", "triggered")
+PARAMETERS = ("period", "first", "id", "rate", "discard", "spoil", "triggered", "hangs")
 OUTPUTS = ("received", "last_id", "last_time", "confirmed", "lost", "complaints")
 MIME = "application/org.fmi-standard.fmi-ls-bus.can; version=&quot;1.0.0&quot;"
 MEMBERS = ("Tx_Data", "Tx_Clock", "Rx_Data", "Rx_Clock")

@@ -15,7 +15,7 @@ typedef struct {
     const char *name;
     uint32_t id, mask;
     int extended, fd, length, first, count, modulus; /* signals, and values of the counter */
-    int check, polynomial, start, sealed, data_id;   /* of the checksum; -1: none */
+    int check, covered, polynomial, start, sealed, data_id; /* of the checksum, over so many bytes; -1: none */
     int pages;
     uint64_t period; /* [ns], 0: it is received */
     const unsigned char *rest; /* of all pages, one after the other */
@@ -131,7 +131,7 @@ static unsigned char checksum(const BusFrame *frame, const unsigned char *data)
 {
     unsigned value = (unsigned)frame->start;
     const int first = frame->data_id < 0 ? 0 : -2;
-    for (int i = first; i < frame->length; i++) {
+    for (int i = first; i < frame->covered; i++) {
         if (i == frame->check)
             continue;
         value ^= i < 0 ? (unsigned)frame->data_id >> (i == -2 ? 0 : 8) & 0xFFu : data[i];
@@ -172,10 +172,15 @@ static void send(Network *bus, Instance *it, int number_of_frame)
             continue;
         }
         instance_get(it, (unsigned)signal->reference, REAL | INTEGER | BOOLEAN | ENUMERATION, &value);
+        if (!isfinite(value)) {
+            instance_warn(it, "'%s' is %g: frame '%s' is not sent", model_variables[signal->reference].name, value,
+                          frame->name);
+            return;
+        }
         raw = (value - signal->bias) / signal->gain;
-        if (!(raw >= signal->low - 0.5 && raw <= signal->high + 0.5))
+        if (raw < signal->low - 0.5 || raw > signal->high + 0.5)
             limited(bus, it, frame, signal, value);
-        raw = !(raw >= signal->low) ? signal->low : raw > signal->high ? signal->high : raw;
+        raw = raw < signal->low ? signal->low : raw > signal->high ? signal->high : raw;
         insert(data, signal, bits_of(signal, raw));
     }
     if (frame->modulus)
@@ -220,7 +225,25 @@ static void take(Instance *it, const BusFrame *frame, const unsigned char *data)
     it->now.touched = 1;
 }
 
-static void receive(Instance *it, uint32_t code, const unsigned char *at, uint32_t size)
+/* Why the data of a frame are not to be trusted, NULL where they are; a counter is compared with that of the last good one */
+static const char *distrusted(Network *bus, int number_of_frame, const unsigned char *data)
+{
+    const BusFrame *frame = &bus_frames[number_of_frame];
+    if (frame->check >= 0 && data[frame->check] != checksum(frame, data))
+        return "has a wrong checksum";
+    if (frame->modulus) {
+        const uint64_t count = extract(data, &bus_counters[number_of_frame]);
+        const unsigned before = bus->count[number_of_frame];
+        if (count >= (uint64_t)frame->modulus)
+            return "has a counter that is too large";
+        bus->count[number_of_frame] = (unsigned)count + 1;
+        if (before == (unsigned)count + 1)
+            return "has a counter that stands still";
+    }
+    return NULL;
+}
+
+static void receive(Network *bus, Instance *it, uint32_t code, const unsigned char *at, uint32_t size)
 {
     const uint32_t head = HEAD + 8 + (code == CODE_FD_FRAME);
     if ((code != CODE_FRAME && code != CODE_FD_FRAME) || size < head)
@@ -230,11 +253,14 @@ static void receive(Instance *it, uint32_t code, const unsigned char *at, uint32
         return;
     for (int i = 0; i < N_FRAMES; i++) {
         const BusFrame *frame = &bus_frames[i];
+        const char *why;
         if (frame->period || (frame->id ^ number(at + HEAD, 4)) & frame->mask || frame->extended != at[12])
             continue;
         if (length < (uint32_t)frame->length)
             instance_warn(it, "frame '%s' has %u of its %d bytes: it is not taken", frame->name, (unsigned)length,
                           frame->length);
+        else if ((why = distrusted(bus, i, at + head)) != NULL)
+            instance_warn(it, "frame '%s' %s: it is not taken", frame->name, why);
         else
             take(it, frame, at + head);
     }
@@ -247,7 +273,7 @@ static void receive_all(Network *bus, Instance *it)
         const uint32_t size = number(bus->in + at + 4, 4);
         if (size < HEAD || size > bus->in_size - at)
             break;
-        receive(it, number(bus->in + at, 4), bus->in + at, size);
+        receive(bus, it, number(bus->in + at, 4), bus->in + at, size);
         at += size;
     }
     if (at < bus->in_size)

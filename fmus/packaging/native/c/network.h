@@ -16,7 +16,7 @@ typedef struct {
     size_t out_size, in_size;
     unsigned char out[LONGEST_OUTBOX], in[LONGEST_RECEIVED];
     double sent[MOST_FRAMES]; /* how often each was */
-    unsigned count[MOST_FRAMES];
+    unsigned count[MOST_FRAMES]; /* of a frame that is received: its latest good counter, and 1 */
     int limited; /* whether a value that did not fit was told */
 } Network;
 
