@@ -19,6 +19,7 @@ import pytest
 from orchestrator import formats
 from orchestrator.batch.procedure import run_procedure
 from orchestrator.progress import READY
+from tests.support.tools.own_processes import children
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
