@@ -7,23 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.batch.discovery import find_scenarios
 from orchestrator.batch.mutation.judge import parts
-from orchestrator.batch.scenario_judge import ScenarioJudge
 from orchestrator.comparison.sides import WAYS
 from orchestrator.scenario.run import run_scenario
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
+from tests.support.simulation.shipped import JUDGED, SCENARIOS, named
 
-SCENARIOS = Path(__file__).parents[3] / "scenarios"
 SHORT = ("butterfly/sine.yaml", "butterfly/energy_control.yaml", "flexible_arm/control/payload.yaml")
 MOST = 5000  # steps with FMUs in Python
 CHEAP = SCENARIOS / "butterfly" / "energy_control_refused.yaml"
-
-
-def judging() -> list[Path]:
-    """The shipped scenarios that the suite runs."""
-    return [task.file for task in find_scenarios([SCENARIOS], {}) if isinstance(task.judge, ScenarioJudge)]
 
 
 def failures(scenario: Scenario, way: str, folder: Path) -> list[str]:
@@ -39,7 +32,7 @@ def test_a_short_scenario_passes_in_every_way(way: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.shipped
-@pytest.mark.parametrize("file", judging(), ids=lambda file: str(file.relative_to(SCENARIOS)))
+@pytest.mark.parametrize("file", JUDGED, ids=named)
 def test_half_the_step_fails_no_scenario(file: Path, tmp_path: Path) -> None:
     assert failures(load_scenario(file), "half-step", tmp_path) == []
 
@@ -53,7 +46,7 @@ def ends_of(file: Path) -> Scenario:
 
 @pytest.mark.slow
 @pytest.mark.shipped
-@pytest.mark.parametrize("file", judging(), ids=lambda file: str(file.relative_to(SCENARIOS)))
+@pytest.mark.parametrize("file", JUDGED, ids=named)
 def test_the_loop_in_python_fails_no_scenario(file: Path, tmp_path: Path) -> None:
     assert failures(ends_of(file), "python-loop", tmp_path) == []
 
@@ -76,7 +69,7 @@ def opening_of(file: Path) -> Scenario:
 @pytest.mark.slow
 @pytest.mark.shipped
 @pytest.mark.parametrize("way", ["python", "python-loop"])
-@pytest.mark.parametrize("file", judging(), ids=lambda file: str(file.relative_to(SCENARIOS)))
+@pytest.mark.parametrize("file", JUDGED, ids=named)
 def test_neither_packaging_nor_loop_in_python_fail_a_scenario_where_it_was_accepted(
     file: Path, way: str, tmp_path: Path
 ) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import fmpy
 
 from fmus.packaging import archive
-from tests.support.from_c import compiled
+from tests.support.from_c import SUFFIX, compiled
 
 WHOLE = ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
 TYPES = ("Float32", *WHOLE, "Boolean", "Enumeration", "String")  # in the order of `arrays.c`
@@ -33,14 +33,13 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(folder: Path, *replacements: tuple[str, str]) -> Path:
     """The FMU, in this folder, with these changes to its description; skipped where there is no C compiler."""
-    binary = folder / f"arrays{fmpy.sharedLibraryExtension}"
     xml = _description()
     for old, new in replacements:
         assert old in xml
         xml = xml.replace(old, new)
     files = {
         "modelDescription.xml": xml.encode(),
-        f"binaries/{fmpy.platform_tuple}/{binary.name}": compiled(binary, Path(__file__).with_suffix(".c")),
+        f"binaries/{fmpy.platform_tuple}/arrays{SUFFIX}": compiled(Path(__file__).with_suffix(".c")),
     }
     archive.write(folder / "arrays.fmu", files)
     return folder / "arrays.fmu"

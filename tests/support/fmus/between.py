@@ -9,7 +9,7 @@ import numpy as np
 
 from fmus.packaging import archive
 from orchestrator.trace import FloatArray
-from tests.support.from_c import compiled
+from tests.support.from_c import SUFFIX, compiled
 
 COUNT = 4  # of its own steps in one of the importer's
 TROUBLES = ("none", "backwards", "beyond", "no values", "silent", "twice")
@@ -39,13 +39,12 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(folder: Path, *replacements: tuple[str, str]) -> Path:
     """The FMU, in this folder, with these changes to its description; skipped where there is no C compiler."""
-    binary = folder / f"between{fmpy.sharedLibraryExtension}"
     text = _XML
     for old, new in replacements:
         assert old in text
         text = text.replace(old, new)
     files = {"modelDescription.xml": text.encode()}
-    files[f"binaries/{fmpy.platform_tuple}/{binary.name}"] = compiled(binary, Path(__file__).with_suffix(".c"))
+    files[f"binaries/{fmpy.platform_tuple}/between{SUFFIX}"] = compiled(Path(__file__).with_suffix(".c"))
     archive.write(folder / "between.fmu", files)
     return folder / "between.fmu"
 

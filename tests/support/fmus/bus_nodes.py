@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import fmpy
 
 from fmus.packaging import archive
-from tests.support.from_c import HEADERS, compiled
+from tests.support.from_c import SUFFIX, compiled
 
 PARAMETERS = ("period", "first", "id", "rate", "discard", "spoil", "triggered", "hangs")
 OUTPUTS = ("received", "last_id", "last_time", "confirmed", "lost", "complaints")
@@ -47,11 +46,6 @@ _TERMINALS = """<?xml version="1.0" encoding="UTF-8"?>
 def build(folder: Path, *replacements: tuple[str, str], triggered: bool = False) -> Path:
     """The FMU, in this folder, with these texts of its XML replaced by others."""
     folder.mkdir(exist_ok=True)
-    binary = folder / f"bus_node{fmpy.sharedLibraryExtension}"
-    if not binary.is_file():
-        source, rest = Path(__file__).with_name("bus_node.c"), folder / "rest.c"
-        rest.write_text(_rest(HEADERS, source))
-        compiled(binary, source, rest)
     members = "".join(
         f'<TerminalMemberVariable variableKind="signal" variableName="Can.{name}" memberName="{name}"/>'
         for name in MEMBERS
@@ -64,17 +58,11 @@ def build(folder: Path, *replacements: tuple[str, str], triggered: bool = False)
         assert any(old in text for text in texts.values()), old
         texts = {name: text.replace(old, new) for name, text in texts.items()}
     files = {name: text.encode() for name, text in texts.items()}
-    files[f"binaries/{fmpy.platform_tuple}/{binary.name}"] = binary.read_bytes()
+    code = compiled(Path(__file__).with_name("bus_node.c"), completed=True)
+    files[f"binaries/{fmpy.platform_tuple}/bus_node{SUFFIX}"] = code
     path = folder / f"node{len(list(folder.glob('*.fmu')))}.fmu"
     archive.write(path, files)
     return path
-
-
-def _rest(headers: Path, source: Path) -> str:
-    """The functions that it does not have and that FMPy wants to be there: all of them fail."""
-    wanted = set(re.findall(r"define (fmi3\w+) +fmi3FullName", (headers / "fmi3Functions.h").read_text()))
-    there = set(re.findall(r"FMI3_Export .*?(fmi3\w+)\(", source.read_text()))
-    return "".join(f"int {name}(void) {{ return 3; }}\n" for name in sorted(wanted - there))
 
 
 def _description(triggered: bool) -> str:

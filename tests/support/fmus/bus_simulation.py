@@ -8,7 +8,7 @@ import fmpy
 
 from fmus.packaging import archive
 from tests.support.fmus.bus_nodes import MEMBERS, MIME
-from tests.support.from_c import compiled
+from tests.support.from_c import SUFFIX, compiled
 
 _XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="bus_simulation" instantiationToken="bus_simulation">
@@ -34,12 +34,11 @@ _TERMINAL = """<Terminal name="Node{n}" terminalKind="org.fmi-ls-bus.network-ter
 
 def build(folder: Path) -> Path:
     """The FMU, in this folder; skipped where there is no C compiler."""
-    binary = folder / f"bus_simulation{fmpy.sharedLibraryExtension}"
     nodes = [_NODE.format(*range(1 + 4 * n, 5 + 4 * n), n=n + 1, mime=MIME) for n in range(2)]
     files = {
         "modelDescription.xml": _XML.format(nodes="\n    ".join(nodes)).encode(),
         "terminalsAndIcons/terminalsAndIcons.xml": _terminals().encode(),
-        f"binaries/{fmpy.platform_tuple}/{binary.name}": compiled(binary, Path(__file__).with_suffix(".c")),
+        f"binaries/{fmpy.platform_tuple}/bus_simulation{SUFFIX}": compiled(Path(__file__).with_suffix(".c")),
     }
     archive.write(folder / "bus_simulation.fmu", files)
     return folder / "bus_simulation.fmu"

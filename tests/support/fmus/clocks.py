@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
-import shutil
-import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
 import fmpy
-import pytest
 
 from fmus.packaging import archive
+from tests.support.from_c import SUFFIX, compiled
 
 OUTPUTS = ("out", "relay", "alarm")
 TROUBLES = (
@@ -91,31 +88,15 @@ def build(
     Args:
         clocks: names, or name -> attributes.
     """
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build the FMU of clocks with")
     folder.mkdir(exist_ok=True)
-    binary = folder / f"clocks{fmpy.sharedLibraryExtension}"
-    if not binary.is_file():
-        headers, source = Path(str(fmpy.__file__)).parent / "c-code", Path(__file__).with_name("clocks.c")
-        rest = folder / "rest.c"
-        rest.write_text(_rest(headers, source))
-        options = ["-w", "-shared", "-fPIC", "-O2", f"-I{headers}"]
-        subprocess.run([compiler, *options, str(source), str(rest), "-o", str(binary), "-lm"], check=True)
+    code = compiled(Path(__file__).with_suffix(".c"), completed=True)
     said = dict(clocks) if isinstance(clocks, Mapping) else {one: CLOCKS[one] for one in clocks}
     files = {
         "modelDescription.xml": description(said, interfaces).encode(),
-        f"binaries/{fmpy.platform_tuple}/{binary.name}": binary.read_bytes(),
+        f"binaries/{fmpy.platform_tuple}/clocks{SUFFIX}": code,
     }
     archive.write(folder / f"{name}.fmu", files)
     return folder / f"{name}.fmu"
-
-
-def _rest(headers: Path, source: Path) -> str:
-    """The functions that it does not have and that FMPy wants to be there: all of them fail."""
-    wanted = set(re.findall(r"define (fmi3\w+) +fmi3FullName", (headers / "fmi3Functions.h").read_text()))
-    there = set(re.findall(r"FMI3_Export .*?(fmi3\w+)\(", source.read_text()))
-    return "".join(f"int {name}(void) {{ return 3; }}\n" for name in sorted(wanted - there))
 
 
 def description(clocks: Mapping[str, str], interfaces: str = CO_SIMULATION) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import fmpy
 
 from fmus.packaging import archive
-from tests.support.from_c import compiled
+from tests.support.from_c import SUFFIX, compiled
 
 TROUBLES = (
     "none",
@@ -42,11 +42,10 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(folder: Path, output: str = "x") -> Path:
     """The FMU, in this folder, with "x" or "sample" as output; without a C compiler the test is skipped."""
-    binary = folder / f"eventful{fmpy.sharedLibraryExtension}"
     path = folder / f"eventful_{output}.fmu"
     files = {
         "modelDescription.xml": _description(output).encode(),
-        f"binaries/{fmpy.platform}/{binary.name}": compiled(binary, Path(__file__).with_suffix(".c")),
+        f"binaries/{fmpy.platform}/eventful{SUFFIX}": compiled(Path(__file__).with_suffix(".c")),
     }
     archive.write(path, files)
     return path

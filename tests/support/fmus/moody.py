@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-import shutil
-import subprocess
 from pathlib import Path
 
 import fmpy
-import pytest
 
 from fmus.packaging import archive
 from orchestrator.fmi.slave import Slave
+from tests.support.from_c import SUFFIX, compiled
 
 STATUSES = ("step", "setup", "enter", "exit", "get", "set", "reset", "save")
 
@@ -36,19 +34,12 @@ _STATUS = """<ScalarVariable name="{name}" valueReference="{number}" causality="
 
 def build(folder: Path) -> Path:
     """The FMU, in this folder; the test is skipped where there is no C compiler."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build the misbehaving FMU with")
-    binary = folder / f"moody{fmpy.sharedLibraryExtension}"
-    headers = Path(fmpy.__file__).parent / "c-code"
-    source = Path(__file__).with_name("moody.c")
-    subprocess.run([compiler, "-shared", "-fPIC", "-O1", f"-I{headers}", str(source), "-o", str(binary)], check=True)
     statuses = "\n    ".join(_STATUS.format(name=name, number=i) for i, name in enumerate(STATUSES))
     archive.write(
         folder / "moody.fmu",
         {
             "modelDescription.xml": _XML.format(statuses=statuses).encode(),
-            f"binaries/{fmpy.platform}/{binary.name}": binary.read_bytes(),
+            f"binaries/{fmpy.platform}/moody{SUFFIX}": compiled(Path(__file__).with_suffix(".c")),
         },
     )
     return folder / "moody.fmu"

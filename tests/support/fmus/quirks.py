@@ -7,17 +7,15 @@ parameter (0.5), `on` a Boolean input that does nothing; `said` is a text, the e
 from __future__ import annotations
 
 import ctypes
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import fmpy
-import pytest
 
 from fmus.packaging import archive
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
+from tests.support.from_c import SUFFIX, compiled
 
 _XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="quirks" guid="quirks">
@@ -50,18 +48,9 @@ def build(path: Path, *, output: bool = True, **quirks: str) -> Path:
         output: whether its state is an output, or else a local variable.
         quirks: macros of `quirks.c`, such as ON_RESET, and the statements that they stand for.
     """
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("there is no C compiler to build the FMU with")
-    binary = path.with_suffix(fmpy.sharedLibraryExtension)
-    headers, source = Path(fmpy.__file__).parent / "c-code", Path(__file__).with_name("quirks.c")
-    macros = [f"-D{name}={text}" for name, text in quirks.items()]
-    flags = ["-shared", "-fPIC", "-O1", "-w", f"-I{headers}", *macros]
-    subprocess.run([compiler, *flags, str(source), "-o", str(binary), "-lm"], check=True)
+    code = compiled(Path(__file__).with_suffix(".c"), *(f"-D{name}={text}" for name, text in quirks.items()))
     xml = _XML.format(causality="output" if output else "local", outputs=_OUTPUTS if output else "")
-    library = f"binaries/{fmpy.platform}/quirks{fmpy.sharedLibraryExtension}"
-    archive.write(path, {"modelDescription.xml": xml.encode(), library: binary.read_bytes()})
-    binary.unlink()
+    archive.write(path, {"modelDescription.xml": xml.encode(), f"binaries/{fmpy.platform}/quirks{SUFFIX}": code})
     return path
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import fmpy
 
 from fmus.packaging import archive
-from tests.support.from_c import compiled
+from tests.support.from_c import SUFFIX, compiled
 
 _XML2 = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="counter" guid="counter">
@@ -57,8 +57,7 @@ _XML3 = """<?xml version="1.0" encoding="UTF-8"?>
 
 def build(path: Path, fmi: int, *, once: bool = False) -> Path:
     """The FMU, `once` with only one instance in a process; skipped where there is no C compiler."""
-    library = path.with_suffix(fmpy.sharedLibraryExtension)
-    code = compiled(library, Path(__file__).with_suffix(".c"), options=(f"-DFMI={fmi}",))
+    code = compiled(Path(__file__).with_suffix(".c"), f"-DFMI={fmi}")
     folder = fmpy.platform if fmi == 2 else fmpy.platform_tuple
     if fmi == 2:
         text = _XML2.format(outputs="".join(f'<Unknown index="{i}" dependencies=""/>' for i in (2, 4, 6)))
@@ -68,9 +67,8 @@ def build(path: Path, fmi: int, *, once: bool = False) -> Path:
         text = text.replace("<CoSimulation ", '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true" ')
     files = {
         "modelDescription.xml": text.encode(),
-        f"binaries/{folder}/counter{library.suffix}": code,
+        f"binaries/{folder}/counter{SUFFIX}": code,
         "documentation/licenses/license.txt": b"Only for tests",
     }
     archive.write(path, files)
-    library.unlink()
     return path

@@ -11,23 +11,14 @@ from fmus.errors import FmuError, ScenarioError, WiringError
 from orchestrator import formats
 from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
-from orchestrator.yaml_file import keys
 from tests.support.simulation.falling import FALLING, refused, run, trace_of
+from tests.support.simulation.shipped import JUDGED, named
 
 pytestmark = pytest.mark.usefixtures("scratch")
 
 
-SCENARIOS = Path(__file__).parents[4] / "scenarios"
-LONG = {"synthetic_campaign.yaml", "rig.yaml"}
-FILES = [
-    pytest.param(path, id=str(path.relative_to(SCENARIOS)), marks=pytest.mark.slow if path.name in LONG else ())
-    for path in sorted(SCENARIOS.rglob("*.yaml"))
-    if "run" in keys(path) and "can" not in keys(path)
-]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("path", FILES)
+@pytest.mark.parametrize("path", JUDGED, ids=named)
 def test_the_scenarios_of_the_project_hold(path: Path) -> None:
     result = run_scenario(path)
     failed = [(case.name, check) for case in result.cases for check in case.checks if not check.held]
