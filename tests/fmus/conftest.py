@@ -35,3 +35,15 @@ def native_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int],
         return path if path.exists() else targets.build(name, path, target="native", fmi=fmi)
 
     return build
+
+
+@pytest.fixture(scope="session")
+def source_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Path]:
+    """(name, FMI version) -> the same FMU without a library: its description and its sources, and nothing compiled."""
+    folder = tmp_path_factory.mktemp("sources")
+
+    def build(name: str, fmi: int) -> Path:
+        path = folder / f"{name}{fmi}.fmu"
+        return path if path.exists() else targets.build(name, path, target="native", fmi=fmi, platforms=())
+
+    return build

@@ -22,16 +22,16 @@ from tests.support.fmus.natives import NAMES
 
 XML = "terminalsAndIcons/terminalsAndIcons.xml"
 WITH_PORTS = [name for name in NAMES if library.find(name).ports]
-Native = Callable[[str, int], Path]
+Built = Callable[[str, int], Path]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_terminals_and_icons_are_valid_and_there(native_fmu: Native, name: str) -> None:
-    files = archive.read(native_fmu(name, 3))
+def test_terminals_and_icons_are_valid_and_there(source_fmu: Built, name: str) -> None:
+    files = archive.read(source_fmu(name, 3))
     document = etree.fromstring(files[XML])
     etree.XMLSchema(etree.parse(schema(3).with_name("fmi3TerminalsAndIcons.xsd"))).assertValid(document)
-    described = fmpy.read_model_description(str(native_fmu(name, 3)))
+    described = fmpy.read_model_description(str(source_fmu(name, 3)))
     causes = {variable.name: variable.causality for variable in described.modelVariables}
     for terminal in document.iterfind("Terminals/Terminal"):
         members = terminal.findall("TerminalMemberVariable")
@@ -44,8 +44,8 @@ def test_terminals_and_icons_are_valid_and_there(native_fmu: Native, name: str) 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_fmi_2_has_an_icon_and_keeps_the_terminals_among_what_is_of_tools(native_fmu: Native, name: str) -> None:
-    files, modern = archive.read(native_fmu(name, 2)), archive.read(native_fmu(name, 3))
+def test_fmi_2_has_an_icon_and_keeps_the_terminals_among_what_is_of_tools(source_fmu: Built, name: str) -> None:
+    files, modern = archive.read(source_fmu(name, 2)), archive.read(source_fmu(name, 3))
     assert files["model.png"] == modern["terminalsAndIcons/icon.png"]
     assert (FMI2 in files) == bool(library.find(name).ports)
     assert not any(entry.startswith("terminalsAndIcons") for entry in files)

@@ -95,9 +95,11 @@ def of_fmus(folder: Path, fmi: int, *models: str) -> list[tuple[str, str]]:
     return [(f"model: {model},", f"fmu: {model}.fmu,") for model in models]
 
 
-def fused(file: Path, folder: Path, fmi: int = 2, expose: Sequence[str] = ()) -> Path:
-    """The FMU of a scenario's system."""
-    return build(fuse(file, expose), folder, fmi)
+def fused(
+    file: Path, folder: Path, fmi: int = 2, expose: Sequence[str] = (), platforms: Sequence[str] = ("host",)
+) -> Path:
+    """The FMU of a scenario's system; with no platform only what it is built from."""
+    return build(fuse(file, expose), folder, fmi, platforms)
 
 
 @dataclass(frozen=True)

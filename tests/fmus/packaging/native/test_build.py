@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from fmus import library
 from fmus.errors import ModelError
 from fmus.modelling import ops
 from fmus.modelling.model import Model, State, input_, output, parameter
-from fmus.packaging import targets
+from fmus.packaging import archive, targets
 from fmus.packaging.native import build as native
 from fmus.packaging.native import compiler
 from tests.support.fmus.either import opened, schema
@@ -34,20 +33,27 @@ pytestmark = [
 
 
 def description(path: Path) -> ET.Element:
-    with zipfile.ZipFile(path) as archive:
-        return ET.fromstring(archive.read("modelDescription.xml"))
+    return ET.fromstring(archive.read(path)["modelDescription.xml"])
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_build_description_fits_the_schema_of_the_standard(native_fmu: Built, name: str) -> None:
-    with zipfile.ZipFile(native_fmu(name, 3)) as archive:
-        document = etree.fromstring(archive.read("sources/buildDescription.xml"))
-        listed = {file.get("name") for file in document.iter("SourceFile")}
-        units = {
-            n.removeprefix("sources/") for n in archive.namelist() if n.startswith("sources/") and n.endswith(".c")
-        }
+    files = archive.read(native_fmu(name, 3))
+    document = etree.fromstring(files["sources/buildDescription.xml"])
+    listed = {file.get("name") for file in document.iter("SourceFile")}
+    units = {n.removeprefix("sources/") for n in files if n.startswith("sources/") and n.endswith(".c")}
     etree.XMLSchema(file=str(schema(3).with_name("fmi3BuildDescription.xsd"))).assertValid(document)
     assert listed == units
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_an_fmu_for_no_platform_lacks_its_library_and_nothing_else(
+    native_fmu: Built, source_fmu: Built, fmi: int
+) -> None:
+    whole = archive.read(native_fmu("pendulum", fmi))
+    libraries = {name for name in whole if name.startswith("binaries/")}
+    assert len(libraries) == 1
+    assert archive.read(source_fmu("pendulum", fmi)) == {name: whole[name] for name in whole.keys() - libraries}
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
@@ -114,21 +120,19 @@ def test_model_exchange_is_offered_for_continuous_models_only(native_fmu: Built,
 
 @pytest.mark.shipped
 @pytest.mark.parametrize("fmi", VERSIONS)
-def test_sources_in_the_fmu_build_it_again_without_a_warning(native_fmu: Built, tmp_path: Path, fmi: int) -> None:
+def test_sources_in_the_fmu_build_it_again_without_a_warning(source_fmu: Built, fmi: int) -> None:
     for name in NAMES:
-        with zipfile.ZipFile(native_fmu(name, fmi)) as archive:
-            sources = {
-                n.removeprefix("sources/"): archive.read(n).decode()
-                for n in archive.namelist()
-                if n.startswith("sources/") and n.endswith((".c", ".h"))
-            }
+        sources = {
+            n.removeprefix("sources/"): text.decode()
+            for n, text in archive.read(source_fmu(name, fmi)).items()
+            if n.startswith("sources/") and n.endswith((".c", ".h"))
+        }
         strict = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wno-sign-conversion", "-Werror")
         assert compiler.compile_library(sources, name, compiler.host(), strict)
 
 
 def test_the_page_of_documentation_shows_equations_variables_and_references(native_fmu: Built) -> None:
-    with zipfile.ZipFile(native_fmu("pendulum", 3)) as archive:
-        text = archive.read("documentation/index.html").decode()
+    text = archive.read(native_fmu("pendulum", 3))["documentation/index.html"].decode()
     assert "<math" in text
     assert all(variable.description in text for variable in PENDULUM.variables)
     assert all(reference in text for reference in PENDULUM.references)

@@ -16,6 +16,6 @@ pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("name", NAMES)
 def test_no_call_leaves_memory_behind_or_its_bounds(
-    native_fmu: Callable[[str, int], Path], tmp_path: Path, name: str, fmi: int
+    source_fmu: Callable[[str, int], Path], tmp_path: Path, name: str, fmi: int
 ) -> None:
-    assert harnessed(native_fmu(name, fmi), tmp_path, fmi) == (0, "")
+    assert harnessed(source_fmu(name, fmi), tmp_path, fmi) == (0, "")
