@@ -153,6 +153,7 @@ def _about_others(interface: Interface) -> InfoDocument:
         ],
         "binary variables": [_alone(port) for port in alone if port.type == "Binary"],
         "left out": [{"name": name, "why": why} for name, why in interface.left_out.items()],
+        "doubtful": [{"name": name, "why": why} for name, why in interface.doubts.items()],
     }
     return {key: entries for key, entries in lists.items() if entries}
 

@@ -43,7 +43,12 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
         said.append(f"leaves out {listed(list(interface.left_out))}: `servotwin info` says why")
     if free:
         said.append(f"{listed(free)} of arrays without start values of this size keep what the FMU gives them")
-    return said
+    doubts = [
+        f"{name} {why}"
+        for name, why in interface.doubts.items()
+        if name not in given and Endpoint(component, name) not in driven
+    ]
+    return [*said, f"{listed(doubts, 3, '; ')} (`servotwin info` shows all)"] if doubts else said
 
 
 def sampling(interface: Interface, given: Mapping[str, Value], step: Fraction) -> str | None:

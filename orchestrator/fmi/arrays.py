@@ -36,9 +36,13 @@ class Sizes:
         """Present shape of an array; () of a scalar."""
         return _shape(variable, self.present)
 
+    def declared(self, variable: ModelVariable) -> tuple[int, ...]:
+        """Shape of an array that its start values are for; () of a scalar."""
+        return _shape(variable, self.original)
+
     def resized(self, variable: ModelVariable) -> bool:
         """Whether it is not the shape that the start values are for."""
-        return self.shape(variable) != _shape(variable, self.original)
+        return self.shape(variable) != self.declared(variable)
 
 
 def _shape(variable: ModelVariable, sizes: Mapping[int, int]) -> tuple[int, ...]:

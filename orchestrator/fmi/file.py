@@ -220,7 +220,7 @@ def _alone(text: bytes) -> io.BytesIO:
 
 def _amend(description: ModelDescription, root: etree._Element) -> None:
     """Add what FMPy does not read: directional derivatives of FMI 3, bounds of unsigned integers, start values of
-    texts, which units are inverse, how clocks tick, what there is within a step."""
+    texts, which units are inverse, which variables differences, how clocks tick, what there is within a step."""
     for tag, offer in (("ModelExchange", description.modelExchange), ("CoSimulation", description.coSimulation)):
         entry = root.find(tag)
         if offer is not None and entry is not None and entry.get("providesDirectionalDerivatives") in ("true", "1"):
@@ -232,6 +232,12 @@ def _amend(description: ModelDescription, root: etree._Element) -> None:
     within = {one.get("name") for one in root.iterfind("ModelVariables/*") if one.get("intermediateUpdate") in _TRUE}
     for variable in description.modelVariables if within else ():
         variable.intermediateUpdate = variable.name in within
+    differences = {
+        one.get("name") or one.getparent().get("name"): one.get("relativeQuantity") in _TRUE
+        for one in root.iterfind("ModelVariables//*[@relativeQuantity]")
+    }
+    for variable in description.modelVariables if differences else ():
+        variable.relativeQuantity = differences.get((variable.alias or variable).name)
     unsigned = [variable for variable in description.modelVariables if variable.type.startswith("UInt")]
     texts = [variable for variable in description.modelVariables if variable.type == "String" and variable.dimensions]
     if not unsigned and not texts:
@@ -271,15 +277,17 @@ def _interface(
     units = definitions.units(path, description)
     variables = description.modelVariables
     dimensions = {size.valueReference for variable in variables for size in variable.dimensions}
-    sizing = [v for v in variables if v.causality == "structuralParameter" or v.valueReference in dimensions]
-    sizes = arrays.sizes(path, [_port(path, variable, {}) for variable in sizing], parameters)
+    wholes = [_port(path, variable, units) for variable in variables]
+    sizing = [one for one in wholes if one.causality == "structuralParameter" or one.reference in dimensions]
+    sizes = arrays.sizes(path, sizing, parameters)
     ports: dict[str, Port] = {}
     elements: dict[str, list[str]] = {}
     left_out: dict[str, str] = {}
     room = arrays.LARGEST
-    for variable in variables:
+    for variable, whole in zip(variables, wholes, strict=True):
+        definitions.check_variable(path, variable, whole, sizes.declared(variable))
         try:
-            found = _ports(path, variable, sizes, units, room)
+            found = _ports(variable, whole, sizes, room)
         except LeftOutError as why:
             found, left_out[variable.name] = [], str(why)
         elements[variable.name] = names = [port.name for port in found]
@@ -287,6 +295,7 @@ def _interface(
             raise FmuFileError(path, f"two variables are called '{twice}'", "ask its supplier for a valid FMU")
         room -= len(found) if variable.dimensions else 0
         ports.update(zip(names, found, strict=True))
+    definitions.check_aliases(path, description, wholes)
     return Interface(
         model_name=description.modelName,
         fmi_version=description.fmiVersion,
@@ -310,6 +319,7 @@ def _interface(
         variable_step=_says(offer, "canHandleVariableCommunicationStepSize", True),
         event_mode=description.fmiVersion.startswith("3")
         and (offer is description.modelExchange or _says(offer, "hasEventMode", False)),
+        doubts=definitions.doubts(description, ports.values()),
     )
 
 
@@ -318,10 +328,8 @@ def _says(offer: InterfaceType, able: str, otherwise: bool) -> bool:
     return str(getattr(offer, able, otherwise)).lower() in ("true", "1")
 
 
-def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str, Unit], room: int) -> list[Port]:
+def _ports(variable: ModelVariable, port: Port, sizes: Sizes, room: int) -> list[Port]:
     """A scalar's port, or one for each element of an array."""
-    port = _port(path, variable, units)
-    definitions.check_starts(path, port, variable.start)
     if not variable.dimensions:
         return [replace(port, start=str(sizes.given[port.name]))] if port.name in sizes.given else [port]
     starts = variable.start.split() if isinstance(variable.start, str) else variable.start
@@ -332,10 +340,8 @@ def _ports(path: Path, variable: ModelVariable, sizes: Sizes, units: Mapping[str
 
 def _port(path: Path, variable: ModelVariable, units: Mapping[str, Unit]) -> Port:
     declared = variable.declaredType
-    if variable.relativeQuantity or (declared is not None and declared.relativeQuantity):
-        units = {name: unit.difference for name, unit in units.items()}
     items = {item.name: int(item.value) for item in declared.items} if declared is not None and declared.items else None
-    reference = int(variable.valueReference)
+    reference, relative = int(variable.valueReference), variable.relativeQuantity
     if not 0 <= reference < 1 << 32:
         raise FmuFileError(f"{path}: {variable.name}", f"has the value reference {reference}", "correct it")
     return Port(
@@ -352,6 +358,7 @@ def _port(path: Path, variable: ModelVariable, units: Mapping[str, Unit]) -> Por
         variability=variable.variability or "continuous",
         definitions=units,
         exact=variable.start is not None and (variable.initial == "exact" or variable.causality == "input"),
+        relative=bool(getattr(declared, "relativeQuantity", False) if relative is None else relative),
     )
 
 

@@ -40,7 +40,7 @@ _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 _ALONE = ("Binary", "Clock")  # nothing connects, sets or records them
 TANGENT = "Tangent"  # type of a derivative along a direction, which native FMUs of the library carry beside values
 _TANGENT_NAME = re.compile(r"(.+) along direction (\d+)")
-_WHOLE = re.compile(r"(U?)Int(\d+)")
+_WHOLE = re.compile(r"(U?)Int(\d+)|Integer")
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,7 @@ class Port:
         element: its number there, from 0 and row by row.
         definitions: what units are by the FMU's own word, by name.
         exact: whether it has its start value once the initialisation has begun, unless it was given another.
+        relative: whether it is a difference between values, so that offsets of units do not count.
     """
 
     name: str
@@ -86,6 +87,7 @@ class Port:
     element: int = 0
     definitions: Mapping[str, Unit] = field(default_factory=dict, repr=False)
     exact: bool = False
+    relative: bool = False
 
     @property
     def measure(self) -> NamedUnit:
@@ -95,7 +97,8 @@ class Port:
     def meaning(self, name: str | None) -> NamedUnit:
         """A unit of a value that comes to it or goes from it: by the FMU's word, or else by its name."""
         known = self.definitions.get(name or "")
-        return NamedUnit(name or "", known or units.parse(name or ""), known is not None)
+        unit = NamedUnit(name or "", known or units.parse(name or ""), known is not None)
+        return unit.difference if self.relative else unit
 
     @property
     def start_number(self) -> float | None:
@@ -134,9 +137,9 @@ class Port:
     @property
     def settable(self) -> bool:
         """Whether it can be given a value before a run: parameters, inputs, and states with a start value."""
-        causes = ("parameter", "structuralParameter", "input", "local", "output")
-        known = self.start is not None or (self.array is not None and self.causality in ("parameter", "input"))
-        return known and self.causality in causes and self.variability != "constant" and not self.alone
+        stated = self.start is not None and self.causality in ("structuralParameter", "local", "output")
+        settable = stated or self.causality in ("parameter", "input")
+        return settable and self.variability != "constant" and not self.alone
 
     def parsed(self, start: str) -> Value:
         """A start value as the file gives it, in the variable's type.
@@ -150,7 +153,13 @@ class Port:
             return _TRUTH[start.strip()]
         if self.type in _REAL:
             return float(start)
-        return int(start) if self.numeric else start
+        if not self.numeric:
+            return start
+        low, high = self._whole_range
+        number = int(start)
+        if not low <= number <= high or (self.items and number not in self.items.values()):
+            raise ValueError(start)
+        return number
 
     def typed(self, place: str, value: Value) -> Value:
         """The value in the variable's type; an item of an enumeration by its name or number.
@@ -213,16 +222,24 @@ class Port:
             place, f"cannot be '{value}'" if isinstance(value, str) else f"cannot be {value}", f"give {known}"
         )
 
+    @property
+    def _whole_range(self) -> tuple[float, float]:
+        """The whole numbers of its type."""
+        match = _WHOLE.fullmatch(self.type)
+        if match is None:
+            return -math.inf, math.inf
+        bits = int(match[2] or 32)
+        low = 0 if match[1] else -(1 << bits - 1)
+        return low, low + (1 << bits) - 1
+
     def _whole(self, place: str, value: float) -> int:
         if not math.isfinite(value) or int(value) != value:
             raise WiringError(place, f"is of type {self.type}, {value} is not whole", "give a whole number")
-        if match := _WHOLE.fullmatch(self.type):
-            low = 0 if match[1] else -(1 << int(match[2]) - 1)
-            high = low + (1 << int(match[2])) - 1
-            if not low <= value <= high:
-                raise WiringError(
-                    place, f"{value} does not fit into {self.type} ({low} to {high})", "choose a value inside"
-                )
+        low, high = self._whole_range
+        if not low <= value <= high:
+            raise WiringError(
+                place, f"{value} does not fit into {self.type} ({low} to {high})", "choose a value inside"
+            )
         return int(value)
 
 
@@ -241,6 +258,7 @@ class Interface:
         updates: whether it tells of what happens within a step (intermediate update).
         intermediate: variables that it then gives.
         feed_through: output -> the inputs that act on it at once; None where the FMU does not say.
+        doubts: variable, or else what there is, -> what its description says that may not be meant.
     """
 
     model_name: str
@@ -257,6 +275,7 @@ class Interface:
     variable_step: bool = True
     updates: bool = False
     intermediate: frozenset[str] = frozenset()
+    doubts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def ticks(self) -> bool:

@@ -22,7 +22,7 @@ from orchestrator.info import about, about_trace
 from orchestrator.results import write_json
 from orchestrator.trace import Trace
 from tests.support.simulation.ssps import archive as ssp
-from tests.support.simulation.ssps import bindings, component, connection, connectors, real, system, values
+from tests.support.simulation.ssps import bindings, component, connection, connectors, gain, real, system, values
 from tests.support.tools import third_party
 
 
@@ -49,6 +49,15 @@ def test_an_fmu_shows_its_variables_with_start_value_and_unit(hand: Path) -> Non
     inertia = by_name(document["parameters"])["inertia"]
     assert (inertia["start"], inertia["unit"]) == ("0.00325", "kg.m2")
     assert document["defaults from resources"] and "calibrated by" not in document
+
+
+def test_what_is_doubtful_of_an_fmu_is_shown(tmp_path: Path) -> None:
+    files = archive.read(gain())
+    text = files["modelDescription.xml"].replace(b'stepSize="', b'tolerance="0" stepSize="', 1)
+    assert b"tolerance" in text and "doubtful" not in about(gain())
+    archive.write(tmp_path / "odd.fmu", {**files, "modelDescription.xml": text})
+    why = "has the tolerance 0, which should be positive"
+    assert about(tmp_path / "odd.fmu")["doubtful"] == [{"name": "default experiment", "why": why}]
 
 
 @pytest.mark.parametrize(("said", "needs"), [("false", None), ("true", "its tool, installed")])

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fmus.packaging import archive
 from orchestrator.assembly.assembly import ComponentSpec, open_system
 from orchestrator.assembly.remarks import sampling
 from orchestrator.fmi.interface import Interface, Port
+from tests.support.simulation.ssps import gain
 
 
 def controller(start: str = "0.0033333333333333335", unit: str = "s") -> Interface:
@@ -34,6 +37,22 @@ def test_the_default_of_the_fmu_counts_and_another_unit_does_not() -> None:
     assert sampling(controller(), {}, Fraction(1, 300)) is None
     assert sampling(controller(), {}, Fraction(1, 1000)) is not None
     assert sampling(controller(unit="ms"), {}, Fraction(1, 1000)) is None
+
+
+def test_what_a_description_may_not_mean_is_told_of_what_nobody_gives_a_value(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    files = archive.read(gain())
+    text = files["modelDescription.xml"].decode()
+    odd = text.replace('<Real start="1.0" />', "<Real />").replace('<Real start="2.0" />', '<Real start="2" max="1" />')
+    archive.write(tmp_path / "odd.fmu", {**files, "modelDescription.xml": odd.encode()})
+    for name, parameters in (("left", {}), ("given", {"k": 0.5})):
+        spec = ComponentSpec(tmp_path / "odd.fmu", parameters)
+        with open_system({name: spec}, stimulated=[f"{name}.u"]) as system:
+            trace = system.run(1, 1, stimuli={f"{name}.u": 3.0}).trace
+            assert trace[f"{name}.y"][-1] == 3 * parameters.get("k", 2)
+    assert "left: k starts from 2, outside its bounds (-inf, 1]: give it a value inside" in caplog.text
+    assert "given: " not in caplog.text and "u has no start value" not in caplog.text
 
 
 @pytest.mark.parametrize(("step", "told"), [("1/1000", True), ("1/300", False), ("1/900", False)])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 
-from fmus.errors import ServotwinError
+from fmus.errors import FmuFileError, ServotwinError
 from orchestrator.assembly.assembly import open_system
 from orchestrator.engine import Engine, Simulation, Timing, compiled
 from orchestrator.fmi.file import FmuFile
@@ -227,6 +227,23 @@ def test_arrays_with_too_many_elements_are_left_out_and_named(tmp_path: Path, ca
     text = f"components:\n  large: {{fmu: {path}}}\n"
     assert run_scenario(scenario(tmp_path, text)).cases[0].trace["large.y[2]"][-1] == 2.0
     assert "large: leaves out image" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ('<Dimension start="2"/>', '<Dimension start="0"/>', "is an array of 0 elements; ask its supplier"),
+        ('variability="fixed" start="2" min="1"', 'variability="fixed" start="0"', "is an array of 0 x 0 elements"),
+        (
+            'name="y" valueReference="4"',
+            'name="y" valueReference="3"',
+            "y: has the value reference 3 of u, and they are two",
+        ),
+    ],
+)
+def test_arrays_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, problem: str) -> None:
+    with pytest.raises(FmuFileError, match=problem):
+        about(arrays.build(tmp_path, (old, new)))
 
 
 def test_info_shows_elements_and_sizes(path: Path, tmp_path: Path) -> None:
