@@ -36,14 +36,10 @@ class Settable:
                 of arrays.
         """
         name = f"{self.component}.{self.variable}"
-        if not isinstance(value, str) and not math.isfinite(value):
-            check_bounds(name, self.port, value)
-        typed = self.port.typed(name, value)
+        typed = check_value(name, self.port, value)
         if self.port.causality == "structuralParameter" and typed != self.port.parsed(self.port.start or "0"):
             problem = f"is {self.port.start} and cannot be {value} in one run only"
             raise WiringError(name, problem, "sizes hold for all runs: give it among the `parameters`, or with --set")
-        if not isinstance(typed, str):
-            check_bounds(name, self.port, typed)
 
 
 def settable(system: System, name: str) -> Settable:
@@ -84,6 +80,20 @@ def check_values(system: System, values: Mapping[str, Value]) -> None:
     """
     for name, value in values.items():
         settable(system, name).check(value)
+
+
+def check_value(name: str, port: Port, value: Value) -> Value:
+    """The value in the variable's type, seen to lie within its bounds.
+
+    Raises:
+        WiringError: it does not, or is of another type; the message names `name`.
+    """
+    if not isinstance(value, str) and not math.isfinite(value):
+        check_bounds(name, port, value)
+    typed = port.typed(name, value)
+    if not isinstance(typed, str):
+        check_bounds(name, port, typed)
+    return typed
 
 
 def check_bounds(name: str, port: Port, value: float) -> None:

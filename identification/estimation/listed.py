@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fmus.errors import InputError, ScenarioError
+from fmus.errors import ScenarioError
 from fmus.files import RawMap
 from fmus.words import nearest
 from orchestrator.crossing import quantity
@@ -55,7 +54,7 @@ def complete(document: Mapping[str, Any], base: Path) -> RawMap:
         joined = {name: _joined(below.get(name, {}), entry or {}) for name, entry in given.items()}
         own["parameters"] = {name: joined.get(name, entry) for name, entry in below.items()} | joined
     components = own.get("components") or {}
-    for name, value in parameter_sets.values_of(_files(document, SETS, base), components).items():
+    for name, value in parameter_sets.values_of(_files(document, SETS, base), components).values.items():
         component, _, variable = name.partition(".")
         block = components[component]
         components = {
@@ -68,26 +67,18 @@ def complete(document: Mapping[str, Any], base: Path) -> RawMap:
 def units(document: Mapping[str, Any], base: Path) -> dict[str, tuple[str, str]]:
     """Name -> where a value of a list or parameter set stands, and its unit, of those that have one of their own."""
     components = list(document.get("components") or {})
-    found = dict[str, tuple[str, str]]()
-    for file in _files(document, SETS, base):
-        for name, value in parameter_sets.values_of([file], components).items():
-            if isinstance(value, str) and (known := quantity(value)):
-                found[name] = (str(file), known[1])
+    found, given = dict[str, tuple[str, str]](), parameter_sets.values_of(_files(document, SETS, base), components)
+    for name, value in given.values.items():
+        if isinstance(value, str) and (known := quantity(value)):
+            found[name] = (given.places[name], known[1])
     rows = listed(document, base)
     return found | {name: (row.place, row.unit) for name, row in rows.items() if row.unit}
 
 
-@contextmanager
-def naming_rows(rows: Mapping[str, ListedParameter]) -> Iterator[None]:
-    """Errors about a parameter of a list name its row."""
-    try:
-        yield
-    except InputError as error:
-        words = error.place.replace(":", " ").split()
-        row = next((row for name, row in rows.items() if any(w == name or w.endswith(f".{name}") for w in words)), None)
-        if row is None or row.place in error.place:
-            raise
-        raise error.within(row.place) from error
+def places(document: Mapping[str, Any], base: Path) -> dict[str, str]:
+    """Name -> where what a list or parameter set says of it stands."""
+    given = parameter_sets.values_of(_files(document, SETS, base), list(document.get("components") or {}))
+    return {**given.places, **{name: row.place for name, row in listed(document, base).items()}}
 
 
 def _files(document: Mapping[str, Any], key: str, base: Path) -> list[Path]:

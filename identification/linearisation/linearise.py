@@ -31,7 +31,6 @@ from orchestrator.scenario.units import in_units_of
 from orchestrator.settable import typed
 from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import Connection, Endpoint, System
-from orchestrator.yaml_file import naming
 
 STEP = Fraction(1, 100)  # of an FMU that says none [s]
 
@@ -60,7 +59,7 @@ def linearise(
     """
     whole = source if isinstance(source, Scenario) else _loaded(Path(source))
     scenario, chosen = _case(whole, case)
-    with naming(whole.path), scratch(None) as folder:
+    with whole.naming(values or {}), scratch(None) as folder:
         given = elements(values or {})
         instant = checked(scenario, scenario.timing.start if at is None else seconds(at, "--at"))
         assembled = assemble(scenario.system.given(given), folder, scenario.driven)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmus.errors import InputError
-from identification.estimation.listed import listed, naming_rows, units
+from identification.estimation.listed import places, units
 from identification.method import Method
 from identification.output_error.calibration import Calibration, calibrate
 from identification.output_error.candidates import choose
@@ -18,12 +18,13 @@ from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.study import OutputErrorStudy
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress
+from orchestrator.scenario.parameter_sets import naming_places
 
 
 def _run(
     block: OutputErrorBlock, base: Path, data: Path | None, progress: Progress, isolation: Isolation | None
 ) -> Calibration:
-    with naming_rows(listed(block.document, base)):
+    with naming_places(places(block.document, base)):
         given, asked = units(block.document, base), block.complete(base)
         if not asked.candidates:
             return calibrate(_study(asked, base, given), data, progress, isolation)

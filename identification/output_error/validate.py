@@ -164,7 +164,7 @@ def _beside(file: Path) -> dict[str, Value]:
     contents = archive.read(file)
     if is_ours(contents, description_of(file, contents)):
         return {}
-    return elements(values_in(file.with_suffix(".ssv")))
+    return elements(values_in(file.with_suffix(".ssv")).values)
 
 
 def summary(validation: Validation) -> ValidationSummary:

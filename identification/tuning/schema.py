@@ -160,7 +160,7 @@ class PlantBlock(Block):
         outputs = {name: PlantOutput(o) if isinstance(o, str) else o.output() for name, o in self.outputs.items()}
         own = independent(self.spread) if self.spread else spread
         sets = [] if isinstance(self.parameters, dict) else parameter_sets.joined(self.parameters, base)
-        system = system.given(elements(parameter_sets.values_of(sets, system.components)))
+        system = system.given(elements(parameter_sets.values_of(sets, system.components).values))
         return SystemPlant(set_over(system, self.set, "set"), self.inputs, outputs, own)
 
     def _system(self, base: Path) -> tuple[SystemSpec, ParameterSpread]:

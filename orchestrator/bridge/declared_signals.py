@@ -12,7 +12,6 @@ from orchestrator.can.database.writing import Declared
 from orchestrator.fmi.isolation import scratch
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.system import Endpoint, System
-from orchestrator.yaml_file import naming
 
 RIG, PEER = "Rig", "Controller"  # who sends outputs, and who sends what the inputs take
 
@@ -28,7 +27,7 @@ def declared(path: Path, every: float | None = None) -> list[Declared]:
     """
     scenario = load_scenario(path)
     with (
-        naming(path),
+        scenario.naming(),
         scratch(None) as folder,
         OpenSystem(assemble(scenario.system, folder, scenario.driven)) as opened,
     ):

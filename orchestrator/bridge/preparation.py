@@ -34,7 +34,6 @@ from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
 from orchestrator.settable import typed
 from orchestrator.trace import FloatArray
-from orchestrator.yaml_file import naming
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def prepared(job: BridgeJob) -> Iterator[PreparedBridge]:
     databases = [_database(known, number, scenario.path) for number in range(len(job.buses))]
     step = scenario.timing.step
     with (
-        naming(job.scenario),
+        scenario.naming(job.overrides),
         scratch(None) as folder,
         OpenSystem(assemble(scenario.system.given(elements(job.overrides)), folder, scenario.driven)) as opened,
     ):

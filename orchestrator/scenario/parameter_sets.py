@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from fmus import units
-from fmus.errors import FmuFileError
+from fmus.errors import FmuFileError, ServotwinError
 from fmus.files import absence
 from fmus.packaging.archive import parse_xml
 from fmus.words import nearest
@@ -19,8 +21,21 @@ from orchestrator.ssp.parameters import parameters
 from orchestrator.ssp.parameters import units as own_units
 
 
-def values_of(files: Sequence[Path], components: Iterable[str]) -> dict[str, Value | list[Any]]:
-    """component.variable -> value with its unit, of an array nested lists; what stands in a later set counts.
+@dataclass(frozen=True)
+class ParameterValues:
+    """What parameter sets and lists give.
+
+    Attributes:
+        values: name -> value with its unit, of an array nested lists.
+        places: name -> file and line where it stands.
+    """
+
+    values: dict[str, Value | list[Any]] = field(default_factory=dict)
+    places: dict[str, str] = field(default_factory=dict)
+
+
+def values_of(files: Sequence[Path], components: Iterable[str]) -> ParameterValues:
+    """Values of component.variable; what stands in a later set counts.
 
     Args:
         components: that there are.
@@ -28,32 +43,55 @@ def values_of(files: Sequence[Path], components: Iterable[str]) -> dict[str, Val
     Raises:
         FmuFileError: a file is no parameter set, or has a value of no component.
     """
-    known, found = list(components), dict[str, Value | list[Any]]()
+    known, found = list(components), ParameterValues()
     for file in files:
-        for name, value in values_in(file).items():
+        given = values_in(file)
+        for name, place in given.places.items():
             component, dot, _ = name.partition(".")
             if not dot or component not in known:
-                raise FmuFileError(f"{file}: {name}", f"no component '{component}'", nearest(component, known))
-            found[name] = value
+                raise FmuFileError(f"{place}: {name}", f"no component '{component}'", nearest(component, known))
+        found.values.update(given.values)
+        found.places.update(given.places)
     return found
 
 
-def values_in(file: Path) -> dict[str, Value | list[Any]]:
-    """Parameter -> value with its unit of a set or a list, of an array nested lists.
+@contextmanager
+def naming_places(places: Mapping[str, str]) -> Iterator[None]:
+    """Errors about values of variables name where these stand.
+
+    Args:
+        places: name of a variable, or of an array as a whole -> file and line.
+    """
+    try:
+        yield
+    except ServotwinError as error:
+        words = [word.partition("[")[0] for word in error.place.replace(": ", " ").split()]
+        found = (place for name, place in places.items() for word in words if word == name or word.endswith(f".{name}"))
+        place = next(found, None)
+        if place is None or place in error.place:
+            raise
+        raise error.within(place) from error
+
+
+def values_in(file: Path) -> ParameterValues:
+    """Values of a set or a list.
 
     Raises:
         FmuFileError: it is no parameter set, or means something else by the name of a unit.
         ScenarioError: it is no list of parameters.
     """
     if file.suffix.lower() == parameter_list.SUFFIX:
-        return {one.name: one.written(one.value) for one in parameter_list.read(file)}
+        rows = parameter_list.read(file)
+        return ParameterValues({r.name: r.written(r.value) for r in rows}, {r.name: r.place for r in rows})
     if not file.is_file():
         raise FmuFileError(file, absence(file), "check the path")
     root = parse_xml(file, file.read_bytes())
     for name, unit in own_units(root.find(f"{SSV}Units"), str(file)).items():
         if (usual := units.parse(name)) is not None and usual != unit:
             raise FmuFileError(f"{file}: unit {name}", "is another one than is usual by this name", "rename it")
-    return {name: _value(one) for name, one in parameters(root, str(file)).items()}
+    found = parameters(root, str(file))
+    places = {name: f"{file}:{one.line}" for name, one in found.items()}
+    return ParameterValues({name: _value(one) for name, one in found.items()}, places)
 
 
 def _value(parameter: SsvParameter) -> Value | list[Any]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,7 +18,9 @@ from orchestrator.engine import Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.scenario.expectations import Draws, Expected
+from orchestrator.scenario.parameter_sets import naming_places
 from orchestrator.trace import Trace
+from orchestrator.yaml_file import naming
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,7 @@ class Scenario:
         notes: what was seen in the recordings that it takes, a line each.
         parts: the files that it includes.
         parameter_sets: the files of those that give it values.
+        places: component.variable -> where its value stands, of what is given in sets.
     """
 
     path: Path
@@ -111,6 +115,17 @@ class Scenario:
     notes: Sequence[str] = ()
     parts: tuple[Path, ...] = ()
     parameter_sets: tuple[Path, ...] = ()
+    places: Mapping[str, str] = field(default_factory=dict)
+
+    @contextmanager
+    def naming(self, overrides: Iterable[str] = ()) -> Iterator[None]:
+        """Errors about it name its file, and those about values where these stand.
+
+        Args:
+            overrides: component.variable that the command line gives a value.
+        """
+        with naming(self.path), naming_places({**self.places, **dict.fromkeys(overrides, "--set")}):
+            yield
 
     def with_systems(self, change: Callable[[SystemSpec], SystemSpec]) -> Scenario:
         """The scenario with its system, and those that cases have of their own, changed; equal ones once."""

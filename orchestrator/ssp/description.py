@@ -65,11 +65,13 @@ class SsvParameter:
     Attributes:
         value: of an array a tuple of all elements, row by row.
         shape: of an array; () of a scalar.
+        line: of its file.
     """
 
     value: float | int | bool | str | tuple[float | int | bool | str, ...]
     unit: str | None = None
     shape: tuple[int, ...] = ()
+    line: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)

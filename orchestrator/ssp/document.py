@@ -17,6 +17,7 @@ from fmus.words import nearest
 from orchestrator.crossing import Crossing, crossing
 from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Interface, Port
+from orchestrator.settable import check_value
 from orchestrator.ssp import flattening, passage
 from orchestrator.ssp.assignment import Assigned, Assignment
 from orchestrator.ssp.description import Description
@@ -197,7 +198,10 @@ class _Importing:
         self._tell(passed.doubts)
         change = _changed(passed, assigned.place)
         given, shape = assigned.parameter.value, assigned.parameter.shape
-        return _nested([change(one) for one in given], shape) if isinstance(given, tuple) else change(given)
+        values = [change(one) for one in (given if isinstance(given, tuple) else [given])]
+        for value in values if port.settable else ():
+            check_value(assigned.place, port, value)
+        return _nested(values, shape) if isinstance(given, tuple) else values[0]
 
     def _give(self, node: Node, port: Port, value: Any, outermost: bool = False) -> None:
         name = self._name(node)

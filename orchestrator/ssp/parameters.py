@@ -154,7 +154,7 @@ def _parameter(entry: etree._Element, place: str) -> SsvParameter:
         each = kind in _WORDS and typed.get("value") is not None
         fix = f"give each as a `Value` within `{kind}`, since one may hold spaces" if each else "write the set again"
         raise FmuFileError(place, f"has {len(values)} values for {math.prod(shape)} elements", fix)
-    return SsvParameter(values if shape else values[0], typed.get("unit"), shape)
+    return SsvParameter(values if shape else values[0], typed.get("unit"), shape, entry.sourceline or 0)
 
 
 def _values(typed: etree._Element, kind: str) -> Iterator[Scalar]:

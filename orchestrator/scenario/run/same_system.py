@@ -30,7 +30,6 @@ from orchestrator.scenario.units import in_units_of
 from orchestrator.settable import typed
 from orchestrator.system import System, recordable
 from orchestrator.trace import FloatArray
-from orchestrator.yaml_file import naming
 
 LOG = logging.getLogger("servotwin.scenario")
 
@@ -48,7 +47,7 @@ def run_cases(
         raise ScenarioError(
             scenario.path, "has a recorder, which samples the whole record", "run it without stride and stream"
         )
-    with naming(scenario.path), kept(keeping.log), scratch(isolation) as folder:
+    with scenario.naming(overrides), kept(keeping.log), scratch(isolation) as folder:
         given = elements(overrides)
         with keeping.span("build FMUs"):
             assembled = assemble(scenario.system.given(given), fmus or folder, scenario.driven)

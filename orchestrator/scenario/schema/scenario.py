@@ -164,13 +164,13 @@ class ScenarioBlock(SystemBlock):
         cases = tuple(
             Case(
                 case.name,
-                self._values(number, systems[number] or shared, given) | elements(case.set),
+                self._values(number, systems[number] or shared, given.values) | elements(case.set),
                 tuple(
                     expected
                     for block in (*self.expect, *case.expect)
                     for expected in common.get(id(block)) or block.expectations(base, said, accepted[number])
                 ),
-                shapes({**given, **case.set}),
+                shapes({**given.values, **case.set}),
                 systems[number],
             )
             for number, case in enumerate(self.all_cases)
@@ -190,7 +190,15 @@ class ScenarioBlock(SystemBlock):
             self.can,
             said,
             parameter_sets=tuple(sets),
+            places=self._places(given.places),
         )
+
+    def _places(self, given: Mapping[str, str]) -> dict[str, str]:
+        """component.variable -> where its value stands, of those that have one in a single set."""
+        named = Counter([*given, *(name for values in self.sets.values() for name in values)])
+        places = {**given, **{name: f"sets.{key}" for key, values in self.sets.items() for name in values}}
+        own = {name for case in self.cases or () for name in case.set}
+        return {name: place for name, place in places.items() if named[name] == 1 and name not in own}
 
     def _systems(self, shared: SystemSpec, base: Path, said: list[str]) -> list[SystemSpec | None]:
         """The system of each case; None throughout where all have the one that they share."""

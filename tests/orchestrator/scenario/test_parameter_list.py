@@ -104,5 +104,5 @@ def test_a_list_gives_a_scenario_its_values_in_their_units(tmp_path: Path) -> No
 
 def test_a_value_of_no_component_is_refused(tmp_path: Path) -> None:
     file = written(tmp_path, "name,value\nhnd.x,1\n")
-    with pytest.raises(InputError, match=r"list\.csv: hnd\.x: no component 'hnd'; did you mean 'hand'\?"):
+    with pytest.raises(InputError, match=r"list\.csv:2: hnd\.x: no component 'hnd'; did you mean 'hand'\?"):
         values_of([file], ["hand"])

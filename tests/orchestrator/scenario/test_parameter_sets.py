@@ -55,17 +55,47 @@ def test_the_manifest_names_the_sets_by_their_hashes(tmp_path: Path) -> None:
     assert document["recordings"] == [{"read_for": "parameters", "file": "set.ssv", "sha256": digest}]
 
 
+def test_a_value_that_does_not_fit_is_named_by_where_it_stands_and_no_other_place_of_it_is(tmp_path: Path) -> None:
+    """A list, sets of the scenario, the command line; what a case sets over a set is the case's."""
+    (tmp_path / "list.csv").write_text("name,value\nhand.angle_start,1\nhand.added_mass,-1\n")
+    with pytest.raises(
+        InputError, match=r"swing\.yaml: .*list\.csv:3: case as given: hand\.added_mass: is -1, outside its bounds"
+    ):
+        ran(tmp_path, "list.csv")
+    with pytest.raises(
+        InputError, match=r"swing\.yaml: --set: case as given: hand\.added_mass: is -2, outside its bounds"
+    ):
+        ran(tmp_path, "list.csv", hand__added_mass=-2)
+    sets = SCENARIO + "sets:\n  heavy: {hand.added_mass: -3}\n"
+    for case, place in (("{name: a, use: [heavy]}", r"sets\.heavy: "), ("{name: a, set: {hand.added_mass: -3}}", "")):
+        (tmp_path / "swing.yaml").write_text(sets.replace("{name: as given}", case).replace("PARAMETERS", "list.csv"))
+        (tmp_path / "list.csv").write_text("name,value\nhand.added_length,1\n")
+        with pytest.raises(
+            InputError, match=rf"swing\.yaml: {place}case a: hand\.added_mass: is -3, outside its bounds"
+        ):
+            run_scenario(tmp_path / "swing.yaml")
+
+
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
         (None, "other.ssv: no such file"),
         (b"<a/>", "is not an SSV parameter set"),
         (b"nothing", "is not XML"),
-        (parameter_set("s", {"hnd.added_mass": 1.0}), "other.ssv: hnd.added_mass: no component 'hnd'; did you mean"),
+        (parameter_set("s", {"hnd.added_mass": 1.0}), "other.ssv:4: hnd.added_mass: no component 'hnd'; did you mean"),
         (parameter_set("s", {"added_mass": 1.0}), "no component 'added_mass'"),
-        (parameter_set("s", {"hand.added_mas": 1.0}), "no variable 'added_mas'"),
-        (parameter_set("s", {"hand.added_mass": 1.0}, {"hand.added_mass": "m"}), "m does not fit kg"),
-        (parameter_set("s", {"hand.added_mass": -1.0}), "outside its bounds"),
+        (
+            parameter_set("s", {"hand.added_mas": 1.0}),
+            "other.ssv:4: case as given: hand.added_mas: no variable 'added_mas'",
+        ),
+        (
+            parameter_set("s", {"hand.added_mass": 1.0}, {"hand.added_mass": "m"}),
+            "other.ssv:4: case as given: hand.added_mass: m does not fit kg",
+        ),
+        (
+            parameter_set("s", {"hand.added_mass": -1.0}),
+            "other.ssv:4: case as given: hand.added_mass: is -1, outside its bounds",
+        ),
         (parameter_set("s", {"hand.added_mass": float("nan")}), "'nan' is no Real"),
         (parameter_set("s", {}, {}).replace(b"</ssv:ParameterSet>", b""), "is not XML"),
     ],

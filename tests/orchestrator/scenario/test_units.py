@@ -94,7 +94,7 @@ def test_values_of_parameters_and_overrides_may_have_units(tmp_path: Path) -> No
     assert over[0] == pytest.approx(0.1, rel=1e-12)
     with pytest.raises(WiringError, match=r"hand\.inertia: kg does not fit kg\.m2"):
         run(tmp_path, inertia="1 kg")
-    with pytest.raises(WiringError, match=r"\.yaml: hand\.inertia: cannot be '1 furlong': 'furlong' is no unit"):
+    with pytest.raises(WiringError, match=r"\.yaml: --set: hand\.inertia: cannot be '1 furlong': 'furlong' is no unit"):
         run(tmp_path, inertia="1 furlong")
 
 

@@ -152,6 +152,24 @@ def test_sets_and_mappings_in_files_and_prefixes_are_taken(tmp_path: Path) -> No
     assert "'a.gone', which is not in the set" in said and "'a.unused' is not mapped" in said
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("n", real(2.5), "n: is of type Integer, 2.5 is not whole; give a whole number"),
+        ("n", '<ssv:Integer value="4294967296"/>', "n: 4294967296 does not fit into Integer"),
+        ("mode", '<ssv:Enumeration value="quick"/>', r"mode: cannot be 'quick'; give slow \(1\), fast \(2\)"),
+        ("on", '<ssv:Integer value="2"/>', "on: is a Boolean, not 2; give true or false"),
+    ],
+)
+def test_a_value_of_a_set_that_does_not_fit_is_refused_at_import_by_the_file_of_the_set(
+    tmp_path: Path, name: str, value: str, said: str
+) -> None:
+    bound = '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/s.ssv"/></ssd:ParameterBindings>'
+    files = {"resources/gain.fmu": gain(), "resources/s.ssv": values({name: value})}
+    with pytest.raises(InputError, match=rf"m\.ssp: resources/s\.ssv: {said}"):
+        imported(archive(tmp_path / "m.ssp", system([component("a", inner=bound)]), files))
+
+
 def test_items_and_texts_of_an_array_are_elements_of_their_own(tmp_path: Path) -> None:
     def given(value: str) -> Path:
         two = f'{value}<ssc:Dimension size="2"/>'

@@ -17,7 +17,7 @@ from orchestrator.scenario.expectations.on_run import OnRun
 from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
-from orchestrator.settable import typed
+from orchestrator.settable import check_values, typed
 from orchestrator.system import System
 from orchestrator.yaml_file import naming
 
@@ -92,10 +92,13 @@ def _wired(scenario: Scenario, numbers: tuple[int, ...], block: SweepBlock, file
     )
     assembled = assemble(scenario.system, folder, scenario.driven)
     with OpenSystem(assembled) as opened:
-        with naming(scenario.path):
+        with scenario.naming():
             own, crossed = in_units_of(opened.system, replace(scenario, cases=cases))
             logged([*opened.system.crossings, *crossed])
             own = replace(own, cases=tuple(_typed(case, opened.system) for case in own.cases))
+            for case in own.cases:
+                fixed = {name: value for name, value in case.values.items() if name not in block.vary}
+                check_values(opened.system, {} if case.may_be_refused else fixed)
         return Wired(assembled, opened.system, own, numbers, tuple(named), left_out)
 
 

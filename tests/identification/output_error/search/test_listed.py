@@ -99,6 +99,22 @@ def test_a_row_that_the_system_has_not_is_refused_at_its_line(data: Path, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("hand.added_mass", -1.0, r"set\.ssv:4: hand\.added_mass: is -1, outside its bounds"),
+        ("hand.inertja", 1.0, r"set\.ssv:4: hand\.inertja: no variable 'inertja'"),
+        ("motor.model", "a", r"set\.ssv:4: motor\.model: no variable 'model'"),
+    ],
+)
+def test_a_value_of_a_set_that_does_not_fit_is_refused_where_it_stands(
+    data: Path, tmp_path: Path, name: str, value: Any, said: str
+) -> None:
+    (tmp_path / "set.ssv").write_bytes(parameter_set("known", {name: value}))
+    with pytest.raises(InputError, match=said):
+        calibrated(tmp_path, data, parameter_sets=["set.ssv"])
+
+
 def test_a_delay_may_stand_in_a_list(data: Path, tmp_path: Path) -> None:
     outputs = {"hand.angle": {"signal": "angle", "delay": "lag"}}
     document = calibrated(tmp_path, data, f"{LIST}lag,1,ms,0,20\n", outputs=outputs)

@@ -11,6 +11,7 @@ import pytest
 from fmus.errors import ServotwinError
 from orchestrator.batch.sweep.sweep import sweep
 from tests.support.commands import servotwin
+from tests.support.sweeping import DRAWN as VARIED
 from tests.support.sweeping import FALLING, Here, study
 
 DRAWN = {"by": "monte-carlo", "samples": 5, "seed": 1}
@@ -170,3 +171,16 @@ def test_a_disk_that_is_full_is_told_and_what_was_done_stays(tmp_path: Path, mon
     lines = [json.loads(line) for line in (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()]
     stretches = [one for line in lines for one in line.get("runs", [])]
     assert 0 < len(runs) < 20 and sum(last - first + 1 for first, last in stretches) == 20
+
+
+def test_values_that_no_point_varies_are_checked_before_any_runs(tmp_path: Path) -> None:
+    """What would fail at all points is bad input; of what is varied the scenario's own value plays no part."""
+    path = study(tmp_path, VARIED)
+    falling = {**FALLING, "parameters": "list.csv"}
+    (tmp_path / "falling.yaml").write_text(json.dumps(falling))
+    (tmp_path / "list.csv").write_text("name,value\nhand.added_mass,-1\nhand.inertia,-1\n")
+    with pytest.raises(ServotwinError, match=r"falling\.yaml: .*list\.csv:3: hand\.inertia: is -1, outside its"):
+        sweep(path, tmp_path / "out", Here())
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "list.csv").write_text("name,value\nhand.added_mass,-1\n")
+    assert sweep(path, tmp_path / "out", Here()).document["failed"] == 0
