@@ -235,9 +235,9 @@ def test_arrays_with_too_many_elements_are_left_out_and_named(tmp_path: Path, ca
         ('<Dimension start="2"/>', '<Dimension start="0"/>', "is an array of 0 elements; ask its supplier"),
         ('variability="fixed" start="2" min="1"', 'variability="fixed" start="0"', "is an array of 0 x 0 elements"),
         (
-            'name="y" valueReference="4"',
-            'name="y" valueReference="3"',
-            "y: has the value reference 3 of u, and they are two",
+            'name="u" valueReference="3"',
+            'name="u" valueReference="4"',
+            "y: has the value reference 4 of u, and they are two",
         ),
     ],
 )
