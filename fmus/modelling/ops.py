@@ -20,7 +20,7 @@ def _foreign(*values: Quantity) -> Any:
     for value in values:
         if type(value) in (float, int, bool):
             continue
-        if hasattr(value, "free_symbols"):
+        if hasattr(type(value), "free_symbols"):  # of an expression itself they would be gathered
             return sys.modules["sympy"]
         if hasattr(value, "__array__"):
             return sys.modules["numpy"]
