@@ -169,8 +169,8 @@ class ArrowModel:
 
     def _triangle(self, block: WindowBlock) -> FloatArray:
         columns = np.column_stack([block.states, block.parameters, block.residual])
-        missing = max(0, columns.shape[1] - len(columns))
-        return _triangular(np.pad(columns, ((0, missing), (0, 0))))
+        missing = columns.shape[1] - len(columns)
+        return _triangular(np.pad(columns, ((0, missing), (0, 0))) if missing > 0 else columns)
 
     def norms(self) -> Point:
         """Length of every Jacobian column; 1 for a column that is zero."""
