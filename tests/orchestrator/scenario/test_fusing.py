@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.validation import validate_fmu
-from lxml import etree
 
 from fmus.errors import FmuFileError, InputError, WiringError
 from fmus.packaging import archive
 from fmus.packaging.native import compiler
 from fmus.packaging.system import manifest
-from fmus.packaging.system.build import FLAGS
 from fmus.parameters.write_back import write_back
 from orchestrator import formats
 from orchestrator.assembly.assembly import OpenSystem, assemble, open_system
@@ -27,9 +24,10 @@ from orchestrator.scenario.schema import load_scenario
 from orchestrator.ssp.tree import tree
 from orchestrator.trace import Trace
 from tests.support.commands import servotwin
-from tests.support.fmus.either import Either, opened, schema
+from tests.support.fmus.either import opened
 from tests.support.fmus.sanitized import harnessed
 from tests.support.simulation.fused import Wired, fused, many_rates, stepped, wired
+from tests.support.simulation.fused_contract import FusedContract, advance
 
 pytestmark = [
     pytest.mark.slow,  # compilers
@@ -191,35 +189,29 @@ def test_the_base_step_is_known_so_that_no_run_begins_with_another(tmp_path: Pat
         assert len(system.run("0.3", "0.002").trace) == 151
 
 
-def test_states_resets_and_other_instances_leave_each_other_alone(tmp_path: Path) -> None:
+class TestSystemOfModels(FusedContract):
+    convention = "structured"
+
+    @staticmethod
+    def built(folder: Path, fmi: int) -> Path:
+        return fused(many_rates(folder), folder, fmi)
+
+
+def test_a_serialised_state_goes_to_another_instance_and_a_damaged_one_does_not(tmp_path: Path) -> None:
     path = fused(many_rates(tmp_path), tmp_path)
     with opened(path) as fmu, opened(path) as other:
-        names = [name for name, variable in fmu.variables.items() if variable.causality == "output"]
-
-        def run(of: Either, first: int, last: int) -> list[float]:
-            for k in range(first, last):
-                of.step(k * 0.001, 0.001)
-            return of.get(*names)
-
-        fmu.start(**{"hand.angle_start": 0.7})
-        run(fmu, 0, 50)
+        fmu.start(**FusedContract.MOVED)
+        advance(fmu, 0, 50)
         state = fmu.save()
-        later = run(fmu, 50, 200)
-        kept = fmu.serialize(state)
+        kept, later = fmu.serialize(state), advance(fmu, 50, 200)
         other.start()
-        assert run(other, 0, 200) != later
-        fmu.restore(state)
-        assert run(fmu, 50, 200) == later
         moved = other.deserialize(kept)
         other.restore(moved)
-        assert run(other, 50, 200) == later
+        assert advance(other, 50, 200) == later
         with pytest.raises(FMICallException):
             other.deserialize(kept[:-9] + bytes([kept[-9] ^ 1]) + kept[-8:])
         fmu.drop(state)
         other.drop(moved)
-        fmu.fmu.reset()
-        fmu.start(**{"hand.angle_start": 0.7})
-        assert run(fmu, 0, 200) == later
 
 
 def test_only_what_is_exposed_is_shown_and_the_rest_keeps_the_scenarios_values(tmp_path: Path) -> None:
@@ -351,23 +343,6 @@ def test_a_damaged_manifest_is_refused_by_name(tmp_path: Path, content: bytes) -
     archive.write(tmp_path / "a.fmu", {manifest.NAME: content})
     with pytest.raises(FmuFileError, match=r"a\.fmu: extra/org\.servotwin/system\.json: is damaged"):
         tree(tmp_path / "a.fmu")
-
-
-@pytest.mark.parametrize("fmi", [2, 3])
-def test_the_fmu_is_valid_and_its_sources_build_it_again_without_a_warning(tmp_path: Path, fmi: int) -> None:
-    path = fused(many_rates(tmp_path), tmp_path, fmi)
-    assert validate_fmu(str(path)) == []
-    files = archive.read(path)
-    etree.XMLSchema(file=str(schema(fmi))).assertValid(etree.fromstring(files["modelDescription.xml"]))
-    described = read_model_description(str(path))
-    assert described.variableNamingConvention == "structured"
-    experiment = described.defaultExperiment
-    assert (float(experiment.startTime), float(experiment.stopTime), float(experiment.stepSize)) == (0.0, 1.2, 0.002)
-    sources = {
-        name.removeprefix("sources/"): text.decode() for name, text in files.items() if name.endswith((".c", ".h"))
-    }
-    strict = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wno-sign-conversion", "-Werror")
-    assert compiler.compile_library(sources, "many_rates", compiler.host(), (*FLAGS, *strict))
 
 
 @pytest.mark.parametrize("fmi", [2, 3])

@@ -10,24 +10,22 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.validation import validate_fmu
-from lxml import etree
 
 from fmus import library
 from fmus.errors import InputError, ModelError, ParametersRefused
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
-from fmus.packaging.system.build import FLAGS
 from fmus.parameters.write_back import write_back
 from orchestrator.assembly.assembly import open_system
 from orchestrator.scenario.fusing import build, fuse
 from orchestrator.ssp.tree import tree
 from tests.support.commands import servotwin
 from tests.support.fmus import arrays, moody, quirks
-from tests.support.fmus.either import Either, opened, schema
+from tests.support.fmus.either import Either, opened
 from tests.support.fmus.sanitized import harnessed
 from tests.support.simulation import counter
 from tests.support.simulation.fused import Wired, fused, many_rates, of_fmus, stepped, wired
+from tests.support.simulation.fused_contract import FusedContract
 
 pytestmark = [
     pytest.mark.slow,  # compilers
@@ -206,41 +204,27 @@ def test_what_is_exposed_is_given_to_the_fmus_and_written_back_into_them(tmp_pat
         assert found == ends(old) and found[1:] != ends(plain)[1:]
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
-def test_states_resets_and_other_instances_leave_each_other_alone(tmp_path: Path, fmi: int) -> None:
-    path = fused(mixed_rates(tmp_path, 5 - fmi), tmp_path, fmi)
-    with opened(path) as fmu, opened(path) as other:
-        names = [name for name, variable in fmu.variables.items() if variable.causality == "output"]
+class TestSystemWithFmusInside(FusedContract):
+    convention = "flat"
 
-        def run(of: Either, first: int, last: int) -> list[float]:
-            for k in range(first, last):
-                of.step(k * 0.001, 0.001)
-            return of.get(*names)
-
-        fmu.start(**{"hand.angle_start": 0.7})
-        run(fmu, 0, 50)
-        state = fmu.save()
-        later = run(fmu, 50, 200)
-        other.start()
-        assert run(other, 0, 200) != later
-        fmu.restore(state)
-        assert run(fmu, 50, 200) == later
-        fmu.fmu.reset()
-        fmu.start()
-        assert run(fmu, 0, 200) == run(other, 200, 200)
-        fmu.restore(state)
-        assert run(fmu, 50, 200) == later
-        with pytest.raises(FMICallException):
-            fmu.serialize(state)
-        fmu.drop(state)
+    @staticmethod
+    def built(folder: Path, fmi: int) -> Path:
+        return fused(mixed_rates(folder, 5 - fmi), folder, fmi)
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_what_the_fmus_inside_cannot_is_not_offered(tmp_path: Path, fmi: int) -> None:
     (tmp_path / "with").mkdir()
     (tmp_path / "without").mkdir()
-    able = read_model_description(str(fused(mixed_rates(tmp_path / "with", fmi), tmp_path, fmi))).coSimulation
+    path = fused(mixed_rates(tmp_path / "with", fmi), tmp_path, fmi)
+    able = read_model_description(str(path)).coSimulation
     assert able.canGetAndSetFMUstate and not able.canSerializeFMUstate and not able.needsExecutionTool
+    with opened(path) as fmu:
+        fmu.start()
+        state = fmu.save()
+        with pytest.raises(FMICallException):
+            fmu.serialize(state)
+        fmu.drop(state)
     path = fused(counters(tmp_path / "without", fmi), tmp_path, fmi)
     unable = read_model_description(str(path)).coSimulation
     assert not unable.canGetAndSetFMUstate
@@ -395,19 +379,6 @@ def test_a_python_fmu_inside_moves_where_there_is_python(tmp_path: Path) -> None
     file, hand = tmp_path / "swing.yaml", "{fmu: hand.fmu, parameters: {angle_start: 0.3}}"
     file.write_text(f"title: Hand\ncomponents: {{hand: {hand}}}\nrun: {{stop: 1, step: 0.01}}\n")
     assert_equal(fused(file, tmp_path), wired(file, 0.2))
-
-
-@pytest.mark.parametrize("fmi", [2, 3])
-def test_the_fmu_is_valid_and_its_sources_build_it_again_without_a_warning(tmp_path: Path, fmi: int) -> None:
-    path = fused(mixed_rates(tmp_path, 5 - fmi), tmp_path, fmi)
-    assert validate_fmu(str(path)) == []
-    files = archive.read(path)
-    etree.XMLSchema(file=str(schema(fmi))).assertValid(etree.fromstring(files["modelDescription.xml"]))
-    sources = {
-        name.removeprefix("sources/"): text.decode() for name, text in files.items() if name.startswith("sources/")
-    }
-    strict = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wno-sign-conversion", "-Werror")
-    assert compiler.compile_library(sources, "many_rates", compiler.host(), (*FLAGS, *strict))
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
