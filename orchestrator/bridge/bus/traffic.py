@@ -340,10 +340,11 @@ class BusTraffic:
         return [message for message in messages if message not in refused]
 
     def _not_out(self, now: float) -> list[SendingLine]:
-        """The buses on which not all is that was sent; where one has become full, the safe values are to be first."""
+        """The buses on which not all is that was sent; where one has become full, the safe values are to be first, and
+        where nobody knows what became of them, they are sent again."""
         for line in self._lines:
             line.take()
-            if line.fills(now):
+            if line.fills(now) or line.link.doubtful:
                 self._send_safe_values([message for message in self._coupling.sent if self._line(message) is line], now)
         return [line for line in self._lines if not line.quiet()]
 

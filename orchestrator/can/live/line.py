@@ -63,4 +63,4 @@ class SendingLine:
 
     def quiet(self) -> bool:
         """Whether all that was given is on the bus, by the adapter's answers and the time that others leave."""
-        return self._backlog.empty() and not self.link.owed
+        return self._backlog.empty() and not self.link.owed and not self.link.doubtful

@@ -98,6 +98,11 @@ class Link:
         return getattr(getattr(self._bus, "flow", None), "lost", 0)
 
     @property
+    def doubtful(self) -> bool:
+        """Whether the latest frame is one of these."""
+        return getattr(self._bus, "doubtful", False)
+
+    @property
     def malformed(self) -> int:
         """Lines from adapters that were no frames."""
         return self._malformed + getattr(self._bus, "malformed", 0)

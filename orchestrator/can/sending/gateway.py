@@ -254,11 +254,12 @@ class _Work:
         return taken
 
     def _not_out(self, frames: Sequence[tuple[int, can.Message]]) -> list[SendingLine]:
-        """The buses on which not all is that was given; where one has become full, the last frames are given again."""
+        """The buses on which not all is that was given; where one has become full, or nobody knows what became of the
+        last frames, they are given again."""
         now = time.monotonic()
         for number, line in enumerate(self._lines):
             line.take()
-            if line.fills(now):
+            if line.fills(now) or line.link.doubtful:
                 for frame in [frame for bus, frame in frames if bus == number]:
                     line.give(frame, now)
         return [line for line in self._lines if not line.link.trouble and not line.quiet()]

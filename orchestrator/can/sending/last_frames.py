@@ -61,6 +61,7 @@ class LastFrames:
             self._make_room(number)
         problems = [problem for number, message in frames if (problem := self._sent(number, message))]
         kept = self._waiting(used, _CONFIRMING)
+        kept += [n for n in used if n not in kept and getattr(self._channels[n].bus, "doubtful", False)]
         staying = [number for number in {*crowded, *kept} if hasattr(self._channels[number].bus, "stays")]
         for number in staying:  # of the crowded ones, too: what is out is known by an estimate
             self._channels[number].bus.stays = True  # type: ignore[attr-defined]

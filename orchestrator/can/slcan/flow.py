@@ -21,7 +21,7 @@ class Flow:
         refused: frames that it did not take (BEL).
         refusing: since when it has refused all frames, None while it takes them.
         settled: how often nothing more was to be expected of what was before; lost: frames that were owed then, of
-            which nobody knows whether it took them.
+            which nobody knows whether it took them; doubtful: whether the latest frame is among these.
         given, heard: when it was given a frame last, and when it answered last.
     """
 
@@ -30,6 +30,7 @@ class Flow:
         self.taken: Counter[Key] = Counter()
         self.refused = self.settled = self.lost = 0
         self.refusing: float | None = None
+        self.doubtful = False
         self._owed: deque[tuple[float, Key]] = deque()
         self.given = self.heard = 0.0
 
@@ -43,7 +44,7 @@ class Flow:
         """A frame is written in the block, which fails where it is not; another thread may see its answer by then."""
         owed = now, key
         self._owed.append(owed)
-        self.given = now
+        self.given, self.doubtful = now, False
         try:
             yield
         except Exception:
@@ -69,6 +70,7 @@ class Flow:
     def settle(self) -> None:
         """What has not been answered to by now never will be."""
         self.lost += len(self._owed)
+        self.doubtful = self.doubtful or bool(self._owed)
         self._owed.clear()
         self.settled += 1
 

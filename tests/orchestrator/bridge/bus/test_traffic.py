@@ -6,6 +6,7 @@ import math
 import struct
 import time
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from orchestrator.bridge.bus.traffic import BusTraffic
+from orchestrator.bridge.bus.traffic import BusTraffic, on_buses
 from orchestrator.bridge.mapping import coupled
 from orchestrator.bridge.safety.watchdog import Watchdog
 from orchestrator.can.database.database import Database
@@ -25,6 +26,8 @@ from orchestrator.can.live.news import News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.scenario.can_block import CanBlock
 from tests.support.can.coupling_samples import ScriptedBus, frame, sample_database, sample_system
+from tests.support.can.scripted_adapter import ScriptedAdapter, willing
+from tests.support.can.wiring import wait_for
 
 STEP, GUARDED, COMMAND = 0.001, 259, 257
 ANY, TIMED = BusSettings("slcan", "adapter"), BusSettings("slcan", "adapter", 500_000)
@@ -267,6 +270,42 @@ def test_an_adapter_whose_bus_was_full_at_the_end_forgets_nothing_even_where_all
         report = traffic.report(0.6)
         assert (report.unconfirmed, report.pending) == ((), "")
         assert bus.stays == flooded == bool(bus.forgotten)
+
+
+class Keeping:
+    """An adapter that answers to everything but to frames, from one on that it is given."""
+
+    def __init__(self, first: int, last: float = math.inf) -> None:
+        self.first, self.last, self.frames = first, last, 0
+
+    def has(self, count: int) -> bool:
+        return self.frames >= count
+
+    def __call__(self, line: bytes) -> bytes:
+        self.frames += line[:1] == b"t"
+        return b"" if line[:1] == b"t" and self.first <= self.frames <= self.last else willing(line)
+
+
+@pytest.mark.parametrize(
+    ("keeping", "unconfirmed"),
+    [(Keeping(10_000), ()), (Keeping(5, 5), ()), (Keeping(21), ("Guarded",))],  # the 21st is the safe one
+)
+def test_safe_values_of_which_the_adapter_never_says_that_it_took_them_are_in_doubt(
+    rig: Database, keeping: Keeping, unconfirmed: tuple[str, ...]
+) -> None:
+    block = CanBlock.model_validate({"database": rig.path} | BLOCK)
+    coupling, start = coupled(block, sample_system(), [rig], Fraction(1, 1000)), time.monotonic()
+    (message,) = coupling.sent
+    with ScriptedAdapter(keeping) as adapter:
+        with on_buses([BusSettings("slcan", adapter.path, 500_000)], coupling, STEP, lambda line: None) as traffic:
+            traffic.begin(start)
+            for number in range(20):
+                traffic.send(number * message.every, [0.5], time.monotonic() - start, 0.0)
+                wait_for(partial(keeping.has, number + 1))
+            traffic.end(time.monotonic() - start)
+            assert traffic.report(time.monotonic() - start).unconfirmed == unconfirmed
+        wait_for(lambda: unconfirmed or adapter.lines[-1] == b"C")
+        assert adapter.lines.count(b"C") == (1 if unconfirmed else 2)  # it stays on the bus, to send what it keeps
 
 
 class _Flooded(ScriptedBus):
