@@ -63,6 +63,13 @@ def of_study(
     return lambda block, base, data, progress, isolation: calibrate(block.study(base), data, progress, isolation)
 
 
+def without_data(
+    tune: Callable[[Any, Progress, Isolation | None], ResultType],
+) -> Callable[[Any, Path, Path | None, Progress, Isolation | None], ResultType]:
+    """The `run` of a method whose schema makes a study of a file, and that needs no recordings."""
+    return lambda block, base, data, progress, isolation: tune(block.study(base), progress, isolation)
+
+
 @dataclass(frozen=True)
 class Method(Generic[StudyType, ResultType]):
     """One method.

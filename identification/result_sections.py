@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 
-from identification.results import ParameterSummary, TraceSummary, VerdictSummary
-from orchestrator.crossing import CrossingDocument
+from identification.results import ParameterSummary, Summary, VerdictSummary
 from orchestrator.display.table import Cell
 from orchestrator.marks import WORDS
-from orchestrator.report import Section, figures
+from orchestrator.report import Report, Section, figures
 from orchestrator.report.content import CalloutKind
 from orchestrator.report.intervals import IntervalRow
 from orchestrator.results import versions
@@ -78,10 +77,10 @@ def _about(entry: ParameterSummary) -> Cell:
     return f"from {low:.5g}, open" if high is None else f"open, to {high:.5g}"
 
 
-def provenance(section: Section, data: Iterable[TraceSummary], units: Sequence[CrossingDocument] = ()) -> None:
-    """The versions that made a result, and tables of its recordings and of what was converted of them."""
+def provenance(page: Report, summary: Summary) -> None:
+    """A section: the versions that made a result, and tables of its recordings and of what was converted of them."""
+    section, data = page.section("Provenance"), summary["data"]
     section.provenance(versions())
-    data = list(data)
     rows: list[list[Cell]] = [
         [trace["trace"], trace["role"], "; ".join([trace["stamps"], *trace.get("notes", [])]), trace["sha256"]]
         for trace in data
@@ -97,5 +96,5 @@ def provenance(section: Section, data: Iterable[TraceSummary], units: Sequence[C
         caption = f"{len(left_out)} stretches" if len(left_out) > SHOWN else ""
         headers = ["trace", "left out", "from [s]", "to [s]", "signals"]
         section.table(headers, left_out[:SHOWN], caption=caption)
-    if units:
+    if units := summary.get("units"):
         section.table(["units"], [[crossed["text"]] for crossed in units])

@@ -20,8 +20,7 @@ def report(design: Design) -> Report:
     document, study = summary(design), design.study
     page = Report(study.title, study.description)
     section = page.section("Intervals")
-    for remark in design.remarks:
-        section.callout("warning", remark)
+    section.warnings(design.remarks)
     if sought := document.get("duration"):
         section.callout("ok" if sought["reached"] else "error", sought["said"])
         tried: list[list[Cell]] = [[one["duration"], one["of_target"], one["problem"]] for one in sought["tried"]]
@@ -41,7 +40,7 @@ def report(design: Design) -> Report:
     )
     _experiments(page.section("Experiments"), design)
     _candidates(page.section("Candidates"), design, document)
-    provenance(page.section("Provenance"), [])
+    provenance(page, document)
     return page
 
 

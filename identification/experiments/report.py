@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.experiments.claims import ClaimJudgement, Verdicts, unexpected, verdicts
+from identification.experiments.claims import ClaimJudgement, Verdicts, verdicts
 from identification.experiments.experiments import Experiments
 from identification.experiments.set_result import SetResult, mean
-from identification.experiments.summary import warnings_of
+from identification.experiments.summary import summary
 from identification.experiments.tables import tables
-from identification.recordings.units import unit_documents
 from identification.result_sections import provenance
-from identification.results import data_summary, finite
+from identification.results import finite
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section
 from orchestrator.report import figures as plots
@@ -22,27 +21,25 @@ MARKS: dict[str, CalloutKind] = {"held": "ok", "held in part": "warning", "not b
 
 def report(experiments: Experiments) -> Report:
     """Claims, the tables of both chapters, errors at a glance, physical modes, provenance."""
-    claims, found = verdicts(experiments), tables(experiments)
+    claims, found = verdicts(experiments), summary(experiments)
     page = Report(experiments.study.title, experiments.study.description)
     other = experiments.study.compare
-    warnings = [*warnings_of(experiments), *unexpected(claims)]
-    _claims(page.section("Claims"), claims, warnings, other.name if other else "")
+    _claims(page.section("Claims"), claims, found["warnings"], other.name if other else "")
     _overview(page.section("Errors at a glance"), experiments)
     for number, heading in (("2", "Chapter 2: identification"), ("3", "Chapter 3: reduction and updating")):
         section = page.section(heading)
-        for table in found:
+        for table in tables(experiments):
             if table.number.startswith(number):
                 section.table(table.headers, table.rows, caption=f"Table {table.number}. {table.caption}")
     _frequencies(page.section("Flexible modes"), experiments)
-    provenance(page.section("Provenance"), data_summary(experiments.recorded), unit_documents(experiments.recorded))
+    provenance(page, found)
     return page
 
 
 def _claims(section: Section, claims: Verdicts, warnings: list[str], name: str) -> None:
     counts = {outcome: sum(own.outcome == outcome for own, _ in claims) for outcome in MARKS}
     section.highlights([(outcome, count, f"of {len(claims)} claims") for outcome, count in counts.items()])
-    for warning in warnings:
-        section.callout("warning", warning)
+    section.warnings(warnings)
     for own, other in claims:
         verdict = f"{own.claim.statement}: {_verdict(own)}."
         against = f"With {name}: {_verdict(other)}." if other else ""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from identification.inverse_dynamics.calibration import InverseCalibration
-from identification.inverse_dynamics.results import inverse_verdict, summary
-from identification.recordings.units import unit_documents
+from identification.inverse_dynamics.results import summary
 from identification.result_sections import draw_parameters, provenance, verdict_callout
-from identification.results import data_summary
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import Trace
@@ -17,16 +15,13 @@ SHOWN = 4  # records that are drawn
 def report(result: InverseCalibration) -> Report:
     """The whole report."""
     page = Report(result.study.title, result.study.description)
-    section = page.section("Result")
-    verdict_callout(section, inverse_verdict(result))
-    for warning in result.warnings:
-        section.callout("warning", warning)
-    found = summary(result)
+    section, found = page.section("Result"), summary(result)
+    verdict_callout(section, found["verdict"])
+    section.warnings(result.warnings)
     draw_parameters(section, found["parameters"], "What is written, with half of the 95 % intervals")
     _ways(section, result)
     _forces(page.section("Forces"), result)
-    data = data_summary(result.recorded, result.study.traces.hold_out)
-    provenance(page.section("Provenance"), data, unit_documents(result.recorded))
+    provenance(page, found)
     return page
 
 

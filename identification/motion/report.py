@@ -6,12 +6,10 @@ import numpy as np
 
 from identification.motion.calibration import MotionCalibration
 from identification.motion.motion import Motion
-from identification.motion.results import summary
+from identification.motion.results import MotionSummary, summary
 from identification.motion.tube import Tube
 from identification.output_error.calibration import Judged
-from identification.recordings.units import unit_documents
 from identification.result_sections import draw_parameters, provenance, verdict_callout
-from identification.results import data_summary
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.report.chart import HEIGHT, Chart, Curve, Panel
@@ -24,18 +22,19 @@ LEAST = 1e-12  # energy that a logarithmic axis shows [J]
 def report(result: MotionCalibration) -> Report:
     """The whole report."""
     page = Report(result.study.title, result.study.description)
-    _overview(page.section("Result"), result)
+    found = summary(result)
+    _overview(page.section("Result"), result, found)
     _motion(page.section("Motion"), result)
     if result.tube is not None:
         _free_runs(page.section("Free runs in the tube"), result.tube, result.study.take)
     if result.balance is not None:
         _balance(page.section("Balance of energy"), result)
-    provenance(page.section("Provenance"), data_summary(result.recorded), unit_documents(result.recorded))
+    provenance(page, found)
     return page
 
 
-def _overview(section: Section, result: MotionCalibration) -> None:
-    found, tube = summary(result), result.tube
+def _overview(section: Section, result: MotionCalibration, found: MotionSummary) -> None:
+    tube = result.tube
     shown: list[tuple[str, Cell, str]] = []
     if tube is not None:
         error = "free run error"
@@ -49,8 +48,7 @@ def _overview(section: Section, result: MotionCalibration) -> None:
         shown.append(("amplitude of the recorded motion", f"{100 * result.off_orbit:+.1f} %", remark))
     section.highlights(shown)
     verdict_callout(section, found["verdict"])
-    for warning in result.warnings:
-        section.callout("warning", warning)
+    section.warnings(result.warnings)
     draw_parameters(section, found["parameters"], "What is written, with half of the 95 % intervals")
     names = [name for name in result.generic if any(name in one.parameters for one in result.found.values())]
     rows: list[list[Cell]] = [

@@ -11,14 +11,18 @@ from identification.estimation.validation import whiteness
 from identification.fits import told
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.choice.report import draw_candidates
-from identification.output_error.results import WindowsSummary, shooting_words, summary, windows_words
+from identification.output_error.results import (
+    OutputErrorSummary,
+    WindowsSummary,
+    shooting_words,
+    summary,
+    windows_words,
+)
 from identification.output_error.uncertainty_report import uncertainty
 from identification.output_error.windows import FreeRunWindow
 from identification.result_sections import draw_parameters, provenance, verdict_callout
-from identification.results import data_summary
 from identification.signals.frequency_response import fit_sine
 from identification.signals.processing import dominant_frequency
-from orchestrator.crossing import documents_of
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.trace import FloatArray, Trace
@@ -28,8 +32,8 @@ SHOWN = 12  # windows in the grid of overlays
 
 def report(calibration: Calibration) -> Report:
     """The whole report."""
-    result = Report(calibration.study.title, calibration.study.description)
-    _overview(result.section("Result"), calibration)
+    result, found = Report(calibration.study.title, calibration.study.description), summary(calibration)
+    _overview(result.section("Result"), calibration, found)
     if calibration.choice is not None:
         draw_candidates(result.section("Candidates"), calibration.choice)
     shown = calibration.validation or calibration.train
@@ -38,12 +42,11 @@ def report(calibration: Calibration) -> Report:
         _frequency_response(result.section("Frequency response"), calibration, shown)
     _residuals(result.section("Residuals"), calibration, shown)
     uncertainty(result.section("Uncertainty"), calibration)
-    if "windows" in (found := summary(calibration)):
+    if "windows" in found:
         _windows(result.section("Windows"), found["windows"])
     if (shot := found["search"].get("shooting")) is not None:
         result.section("Segments").paragraph(f"{shooting_words(shot)[0].upper()}{shooting_words(shot)[1:]}.")
-    data = data_summary(calibration.recorded, calibration.study.traces.hold_out)
-    provenance(result.section("Provenance"), data, documents_of(calibration.crossings))
+    provenance(result, found)
     return result
 
 
@@ -56,7 +59,7 @@ def _windows(section: Section, windows: WindowsSummary) -> None:
     section.table(["trace", "taken", "still", "less motion than those"], rows, numeric=(1, 2, 3))
 
 
-def _overview(section: Section, calibration: Calibration) -> None:
+def _overview(section: Section, calibration: Calibration, found: OutputErrorSummary) -> None:
     target = calibration.study.at_least
     validation = calibration.validation
     highlights: list[tuple[str, str, str]] = []
@@ -71,10 +74,8 @@ def _overview(section: Section, calibration: Calibration) -> None:
         remark = f"the same windows as the first figure, worst {told(judged.summary.get('worst'))}"
         highlights.append((f"median FIT, {name}", f"{judged.median:.3f}", remark))
     section.highlights(highlights)
-    found = summary(calibration)
     verdict_callout(section, found["verdict"])
-    for warning in calibration.warnings:
-        section.callout("warning", warning)
+    section.warnings(calibration.warnings)
     draw_parameters(section, found["parameters"], "Estimates with half of their 95 % intervals")
     groups = {"fitted": calibration.train} | ({} if validation is None else {"unseen": validation})
     fits(section, groups, target)

@@ -140,9 +140,8 @@ def calibrated(result: ResonanceCalibration, folder: Path) -> Calibrated:
 def report(result: ResonanceCalibration) -> Report:
     """Frequency responses, resonances and parameters by both methods."""
     page = Report(result.study.title, result.study.description)
-    section = page.section("Result")
-    for warning in result.taken.warnings:
-        section.callout("warning", warning)
+    section, found = page.section("Result"), summary(result)
+    section.warnings(found["warnings"])
     _parameter_table(section, result)
     _resonance_table(section, result)
     response = page.section("Frequency response")
@@ -152,7 +151,7 @@ def report(result: ResonanceCalibration) -> Report:
     response.figure(
         figures.frequency_response(points, curves), "Gain by added mass: sine fits, and log|G| least squares"
     )
-    provenance(page.section("Provenance"), data_summary(result.recorded), unit_documents(result.recorded))
+    provenance(page, found)
     return page
 
 

@@ -12,14 +12,12 @@ from identification.linear.mode_tracking import stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.modes import modes, ranked
 from identification.linear.reduction import one_by_one
-from identification.recordings.units import unit_documents
 from identification.result_sections import provenance, verdict_callout
-from identification.results import data_summary
 from identification.subspace.calibration import SubspaceCalibration
 from identification.subspace.orders import borne
 from identification.subspace.range_space import RangeSpace
 from identification.subspace.realisation import realise
-from identification.subspace.summary import fits_of, medians, subspace_verdict, uncertain_modes, warnings_of
+from identification.subspace.summary import fits_of, medians, summary, uncertain_modes
 from identification.subspace.trials import ModelCandidate
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
@@ -32,10 +30,9 @@ SCANNED = 30  # highest order of the stabilisation diagram
 def report(result: SubspaceCalibration) -> Report:
     """FIT by model, free runs, modes and where they stay, singular values, provenance."""
     page = Report(result.study.title, result.study.description)
-    section = page.section("Result")
-    verdict_callout(section, subspace_verdict(result))
-    for warning in warnings_of(result):
-        section.callout("warning", warning)
+    section, found = page.section("Result"), summary(result)
+    verdict_callout(section, found["verdict"])
+    section.warnings(found["warnings"])
     section.table(*fit_table(result), caption="Median FIT over the traces, free runs")
     section.table(*_tried(result), caption="All that was tried: mean FIT of the traces that models are compared on")
     if result.reduction is not None:
@@ -43,8 +40,7 @@ def report(result: SubspaceCalibration) -> Report:
     _free_runs(page.section("Free runs"), result)
     _modes(page.section("Modes"), result)
     _extraction(page.section("Singular values"), result)
-    data = data_summary(result.recorded, result.study.traces.held_out)
-    provenance(page.section("Provenance"), data, unit_documents(result.recorded))
+    provenance(page, found)
     return page
 
 

@@ -84,8 +84,7 @@ def _bus(bridged: BridgeResult, section: Section) -> None:
     account = bridged.account
     if bridged.ending.failure is not None:
         section.callout("error", str(bridged.ending.failure))
-    for line in [*account.notes, *account.remarks()[1:]]:
-        section.callout("warning", line)
+    section.warnings([*account.notes, *account.remarks()[1:]])
     traffic, seconds = account.traffic(), max(account.seconds, 1e-9)
     counts = [("received", account.received.frames), ("sent", account.frames)]
     section.highlights([(f"frames {way}", count, f"{count / seconds:.4g} a second") for way, count in counts])

@@ -158,10 +158,8 @@ def page(proposals: Sequence[Proposal], written: Collection[Path]) -> Report:
     report = Report("References", "New ones against those before")
     for proposal in proposals:
         section = report.section(f"{proposal.title} ({proposal.scenario})")
-        for line in proposal.doubts:
-            section.callout("warning", f"{line}.")
-        for file in proposal.unused:
-            section.callout("warning", f"No case asks for {file}.")
+        section.warnings(f"{line}." for line in proposal.doubts)
+        section.warnings(f"No case asks for {file}." for file in proposal.unused)
         if not proposal.references:
             section.paragraph("No case asks for an accepted reference.")
         for new in proposal.references:

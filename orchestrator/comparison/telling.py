@@ -125,8 +125,7 @@ def page(comparison: Comparison) -> Report:
     report = Report("Comparison", f"A: {comparison.one.name}; B: {comparison.other.name}")
     section = report.section("Verdict")
     section.callout("ok" if comparison.agree else "error", f"{sentence(comparison).capitalize()}.")
-    for note in comparison.notes:
-        section.callout("warning", f"{note}.")
+    section.warnings(f"{note}." for note in comparison.notes)
     section.table(HEADERS, list(rows(comparison)))
     for pair in comparison.pairs:
         part = report.section(f"Case {pair.name}")

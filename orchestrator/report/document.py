@@ -7,7 +7,7 @@ A report is filled section by section while the work goes on and written once at
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from html import escape
 from importlib import resources
@@ -84,6 +84,11 @@ class Section:
     def callout(self, kind: CalloutKind, text: str) -> None:
         """A sentence in a box: "ok", "warning" or "error"."""
         self.content.append(Callout(kind, text))
+
+    def warnings(self, lines: Iterable[str]) -> None:
+        """A warning a line."""
+        for line in lines:
+            self.callout("warning", line)
 
     def highlights(self, entries: Sequence[tuple[str, Cell, str]]) -> None:
         """A row of key figures: (label, value, remark) each."""

@@ -30,16 +30,10 @@ def plot_traces(recordings: Sequence[Recording]) -> Report:
 
 def _describe(recording: Recording, section: Section) -> None:
     trace, stamps = recording.trace.numbers, recording.stamps
-    for name in recording.trace.texts:
-        section.callout("warning", f"{name} is text and is not drawn")
-    if not stamps.clean:
-        section.callout("warning", str(stamps))
-    for note in recording.notes:
-        section.callout("warning", note)
-    for name in trace.names:
-        problem = _oddity(trace, name)
-        if problem:
-            section.callout("warning", f"{name} {problem}")
+    section.warnings(f"{name} is text and is not drawn" for name in recording.trace.texts)
+    section.warnings([] if stamps.clean else [str(stamps)])
+    section.warnings(recording.notes)
+    section.warnings(f"{name} {problem}" for name in trace.names if (problem := _oddity(trace, name)))
     if trace.names:
         section.figure(figures.overlay(trace))
     section.table(

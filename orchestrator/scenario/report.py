@@ -69,17 +69,20 @@ def _verdict(section: Section, result: ScenarioResult) -> None:
         section.callout("warning", f"The run was {interruption(result)}.")
     else:
         section.callout("ok" if result.passed else "error", "All held." if result.passed else "Not all held.")
-    for case in result.cases:
-        if case.ended or case.state is CaseState.FAILED:
-            section.callout("warning", f"Case {case.name}: {case.error or case.ended}.")
-    for line in result.scenario.held:
-        section.callout("warning", f"{line}.")
+    section.warnings(
+        f"Case {case.name}: {case.error or case.ended}."
+        for case in result.cases
+        if case.ended or case.state is CaseState.FAILED
+    )
+    section.warnings(f"{line}." for line in result.scenario.held)
     rows = [row for case in result.cases for row in _checks(case)]
     section.content.append(Checks(("case", "expectation", "found", "margin"), rows))
-    for case in result.cases:
-        for check in case.checks:
-            if check.doubt:
-                section.callout("warning", f"Case {case.name}: {check.text}: {check.doubt}.")
+    section.warnings(
+        f"Case {case.name}: {check.text}: {check.doubt}."
+        for case in result.cases
+        for check in case.checks
+        if check.doubt
+    )
 
 
 def _checks(case: CaseResult) -> Iterator[CheckRow]:
@@ -142,9 +145,7 @@ def tell_units(page: Report, crossings: Sequence[Crossing]) -> None:
     if not crossings:
         return
     section = page.section("Units")
-    for one in crossings:
-        if one.doubtful:
-            section.callout("warning", str(one))
+    section.warnings(str(one) for one in crossings if one.doubtful)
     sure = [(str(one),) for one in crossings if not one.doubtful]
     if sure:
         section.table(("how values got to their units",), sure)

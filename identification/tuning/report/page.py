@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from identification.result_sections import parameter_rows, provenance, verdict_callout
+from identification.result_sections import provenance
 from identification.tuning.report import frequency, poles, responses, trade_off
 from identification.tuning.report.shown import shown, stable
-from identification.tuning.summary import (
-    PERCENTILES,
-    DrawsSummary,
-    ShareSummary,
-    goal_summaries,
-    share_words,
-    summary,
-    verdict,
-)
+from identification.tuning.report.told import tell_outcome
+from identification.tuning.summary import PERCENTILES, DrawsSummary, ShareSummary, share_words, summary
 from identification.tuning.tuning import Tuning
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section
-
-SHOWN = 8  # plants whose figures stand in a table
 
 
 def report(result: Tuning) -> Report:
     """Values, goals by plant and over draws, starts, trade-offs, loops, poles, responses, provenance."""
     page = Report(result.study.title, result.study.description)
-    section = page.section("Result")
-    verdict_callout(section, verdict(result))
-    for remark in result.remarks:
-        section.callout("warning", remark)
     found = summary(result)
-    section.table(*parameter_rows(found["parameters"]))
-    _goals(page.section("Goals"), result)
+    tell_outcome(page, found, result.names)
     if "draws" in found:
         _draws(page.section("Draws"), found["draws"])
     if len(result.found.descents) > 1:
@@ -43,17 +29,8 @@ def report(result: Tuning) -> Report:
     loops = stable(result, every)
     if loops.names:
         responses.draw(page.section("Responses"), result, loops)
-    provenance(page.section("Provenance"), [])
+    provenance(page, found)
     return page
-
-
-def _goals(section: Section, result: Tuning) -> None:
-    names = list(result.problem.plants.names)[:SHOWN]
-    rows: list[list[Cell]] = []
-    for goal in goal_summaries(result):
-        held = {True: "held", False: "MISSED", None: "-"}[goal["held"]]
-        rows.append([goal["goal"], goal["kind"], *(goal["figures"][name] for name in names), held])
-    section.table(["goal", "kind", *names, ""], rows)
 
 
 def _draws(section: Section, draws: DrawsSummary) -> None:

@@ -58,8 +58,7 @@ def _outcome(section: Section, result: SweepResult) -> None:
     if "at_least" in document:
         kind = "ok" if document["passed"] else "error"
         section.callout(kind, f"At least {100 * document['at_least']:g} % of the runs are to pass.")  # type: ignore[arg-type]
-    for note in document["notes"]:
-        section.callout("warning", f"{note}.")
+    section.warnings(f"{note}." for note in document["notes"])
     section.highlights(
         [
             ("runs", document["runs"], f"{document['points']:,} points in {len(document['cases'])} cases"),
