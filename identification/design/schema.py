@@ -106,14 +106,9 @@ class ResponseLimitBlock(Block):
 
 
 class DesignSearchBlock(Block):
-    """How experiments are sought; see `study.SearchSpec`.
+    """How experiments are sought."""
 
-    Attributes:
-        candidates: how many of each family are drawn.
-        rounds: of looking near the best ones, nearer each time.
-        neighbours: how many are tried of each experiment in each round.
-        seed: of the draws.
-    """
+    explained_by = (SearchSpec,)
 
     candidates: int = Field(SearchSpec.candidates, ge=1, le=100_000)
     rounds: int = Field(SearchSpec.rounds, ge=0, le=1000)

@@ -63,9 +63,10 @@ class SearchSpec:
     """How experiments are sought.
 
     Attributes:
-        candidates: of each family that are drawn.
+        candidates: how many of each family are drawn.
         rounds: of looking near the best ones, nearer each time.
-        neighbours: that are tried of each experiment in each round.
+        neighbours: how many are tried of each experiment in each round.
+        seed: of the draws.
     """
 
     candidates: int = 32

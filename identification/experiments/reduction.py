@@ -20,10 +20,10 @@ class Example:
 
     Attributes:
         name: by which claims call it.
-        unstable: start from the best unstable order, which is then forced to be stable.
+        unstable: whether it starts from the best unstable order, which is then forced to be stable.
         order, further: states that are kept, and after a second reduction.
-        by: which of the three reductions is updated.
-        update: which matrix is computed anew.
+        by: which of the three reductions is updated: `mrm` or `msv` alone, or `mrmc` with known frequencies.
+        update: which matrix is computed anew, `input` (B) or `output` (C).
     """
 
     name: str

@@ -130,20 +130,17 @@ class PublishedExample(Block):
 
 
 class ExampleBlock(Block):
-    """A model that is reduced and updated; see `reduction.Example`. Models are named after it.
+    """A model that is reduced and updated. Models are named after it.
 
     Attributes:
-        name: by which claims call it.
         data: the data set.
-        unstable: whether it starts from the best unstable order, which is then forced to be stable.
-        order, further: states that are kept, and after a second reduction.
-        by: which of the three reductions is updated: `mrm` or `msv` alone, or `mrmc` with known frequencies.
-        update: which matrix is computed anew, `input` (B) or `output` (C).
         published: what was printed about it.
         table: number of the tables that it fills, none when it only counts in the last one.
         removed: whether the compensation is taken off the input first (type II), or left in it (type III).
         listed: whether its updated models stand in the last table.
     """
+
+    explained_by = (Example,)
 
     name: str
     data: str

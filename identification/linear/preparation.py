@@ -40,10 +40,10 @@ class Preparation:
     Attributes:
         zero_mean: names of the outputs that are centred, such as strains; the others start at zero, or where there are
             offsets have these taken off.
-        cutoff: corner of a second-order Butterworth low-pass [Hz]; None filters nothing.
-        causal: filter forwards only, as an instrument would; else forwards and backwards, without a lag.
-        filter_input: filter inputs as outputs are.
-        scaled: bring each output's greatest magnitude in all records to that of the first input.
+        cutoff: corner of a second-order Butterworth low-pass [Hz]; nothing is filtered without.
+        causal: whether it filters forwards alone, as an instrument would; else to and fro, without a lag.
+        filter_input: whether inputs are filtered as outputs are.
+        scaled: whether to bring each output's greatest magnitude in all records to that of the first input.
         offsets: taken off inputs and outputs; None takes nothing off inputs.
     """
 

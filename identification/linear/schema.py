@@ -9,14 +9,9 @@ from orchestrator.yaml_file import Block
 
 
 class ConditioningBlock(Block):
-    """What is done to every recording before a model is fitted; see `preparation.Preparation`.
+    """What is done to every recording before a model is fitted."""
 
-    Attributes:
-        zero_mean: outputs that are centred; the others start at zero.
-        cutoff: corner of a second-order Butterworth low-pass [Hz]; nothing is filtered without.
-        causal: whether it filters forwards alone, as an instrument would; else to and fro, without a lag.
-        filter_input: whether inputs are filtered as outputs are.
-    """
+    explained_by = (Preparation,)
 
     zero_mean: tuple[str, ...] = Preparation.zero_mean
     cutoff: float | None = Field(Preparation.cutoff, gt=0)

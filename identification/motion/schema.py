@@ -55,13 +55,9 @@ class VoltageBlock(Block):
 
 
 class FreeRunsBlock(Block):
-    """Free runs in the tube around the motion; see `TubeSpec`.
+    """Free runs in the tube around the motion, by which the generic and the recalibrated model are compared."""
 
-    Attributes:
-        periods: how many periods of the motion each lasts.
-        skip: what is left out of every trace first, the approach [s].
-        at_least: how many times smaller the recalibrated model's error has to be than the generic one's.
-    """
+    explained_by = (TubeSpec,)
 
     periods: float = Field(TubeSpec.periods, gt=0)
     skip: Seconds = TubeSpec.skip
@@ -79,20 +75,14 @@ class MotionBlock(RecordedStudyBlock, SystemBlock):
     """A study that recalibrates a generic pendulum near a motion, such as energy control brings about.
 
     Attributes:
-        angle: what of the traces is the angle.
-        speed: what of them is the speed.
-        voltage: what of them is the command.
-        free_runs: how the generic and the recalibrated model are compared; not at all without.
-        truth: component.parameter -> the value behind synthetic traces, shown beside the estimate.
-        step: communication step of the free runs [s].
-        equilibrium: component.parameter with the angle of the downward equilibrium.
         write: p1 to p4, and dry friction by direction where a component takes it -> one or several component.parameter
             that hold the generic value and take the new one.
-        held: which of p1 to p4 is known; a motion tells all but a common factor.
         take: balance (of energy, from the recorded voltage), invariant (Eq. 114 over the whole motion) or published
             (Eq. 118); the last two need the controller.
         controller: the energy controller, with E* and gain as they were in the recordings.
     """
+
+    explained_by = (MotionStudy,)
 
     method: Literal["motion"]
     step: Seconds

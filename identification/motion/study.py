@@ -60,13 +60,13 @@ class MotionStudy:
     """A generic model to be recalibrated near the motion that recordings show.
 
     Attributes:
-        step: communication step of free runs [s].
-        equilibrium: component.parameter that holds the angle of the downward equilibrium.
+        step: communication step of the free runs [s].
+        equilibrium: component.parameter with the angle of the downward equilibrium.
         write: lumped parameter -> component.parameter that have its value, and take the new one.
-        held: the one that is known.
+        held: which of p1 to p4 is known; a motion tells all but a common factor.
         take: whose values are written.
         controller: the component whose E* and gain brought the motion about; None where it is not known.
-        truth: values behind synthetic traces, shown beside the estimates.
+        truth: component.parameter -> the value behind synthetic traces, shown beside the estimate.
     """
 
     title: str

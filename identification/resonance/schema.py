@@ -18,17 +18,9 @@ SCRIPTS: dict[str, Processing] = {"synthetic": SYNTHETIC_SCRIPT, "recordings": R
 
 
 class SineBlock(Block):
-    """What each trace of a sine campaign was made with; see `SineCampaign`. Each is a number, or the name of a field of
-    the file's name.
+    """What each trace of a sine campaign was made with: each a number, or the name of a field of the file's name."""
 
-    Attributes:
-        signal: the measured angle.
-        added_mass: mass fixed to the body [kg].
-        added_length: its distance from the axis [m].
-        amplitude: of the sine [input unit].
-        frequency: of the sine, in the unit of `frequency_in`.
-        frequency_in: unit of the frequency, `rad/s` or `Hz`.
-    """
+    explained_by = (SineCampaign,)
 
     signal: str
     added_mass: str | float
@@ -39,7 +31,7 @@ class SineBlock(Block):
 
 
 class BoundsBlock(Block):
-    """Start (the middle by default) and bounds of p1, p2 and p3, in this order, for the regression of Eq. 102.
+    """Start and bounds of p1, p2 and p3, in this order, for the regression of Eq. 102.
 
     Attributes:
         start: where it begins, the middle by default.
@@ -56,16 +48,13 @@ class BoundsBlock(Block):
 
 
 class ResonanceBlock(RecordedStudyBlock, SystemBlock):
-    """A study of sine recordings by Steps 1-4 of the pendulum thesis; see `CampaignStudy`.
+    """A study of sine recordings by Steps 1-4 of the pendulum thesis.
 
     Attributes:
-        campaign: what each trace was made with.
-        bounds: within which p1, p2 and p3 are sought.
-        write: p1, p2, p3 and p4 -> component.parameter that takes it.
-        take: whose estimates are written, `published` or `corrected`.
-        truth: component.parameter -> the value behind synthetic traces, shown beside the estimate.
-        script: which script's treatment of the recordings the published method repeats.
+        script: whose treatment of the recordings the published method repeats.
     """
+
+    explained_by = (CampaignStudy,)
 
     method: Literal["resonance"]
     campaign: SineBlock

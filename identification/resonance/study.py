@@ -24,10 +24,11 @@ class SineCampaign:
 
     Attributes:
         signal: the measured angle.
-        added_mass: [kg].
-        added_length: [m].
-        amplitude: [input unit].
-        frequency: in the unit of `frequency_in`.
+        added_mass: mass fixed to the body [kg].
+        added_length: its distance from the axis [m].
+        amplitude: of the sine [input unit].
+        frequency: of the sine, in the unit of `frequency_in`.
+        frequency_in: `rad/s` or `Hz`.
     """
 
     signal: str
@@ -75,10 +76,10 @@ class CampaignStudy:
 
     Attributes:
         processing: the script whose treatment of the recordings the published method repeats.
-        bounds: of p1, p2 and p3 for the regression of Eq. 102.
+        bounds: within which p1, p2 and p3 are sought by the regression of Eq. 102.
         write: p1, p2, p3 and p4 -> component.parameter that takes it.
-        take: whose estimates are written back.
-        truth: values behind synthetic traces, shown beside the estimates.
+        take: whose estimates are written, `published` or `corrected`.
+        truth: component.parameter -> the value behind synthetic traces, shown beside the estimate.
     """
 
     title: str

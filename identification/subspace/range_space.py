@@ -30,12 +30,13 @@ class SubspaceSettings:
     Attributes:
         block: q, block rows of the future; more than the order over the number of outputs.
         weighting: "orse" as published; "n4sid", "moesp" and "cva" project on the past, which keeps noise out.
-        past: block rows of the past, or of the autoregression in closed loop; `block` when None. ORSE has none.
+        past: block rows of the past, or of the autoregression in closed loop; `block` without. ORSE has none.
         instruments: what of the past is projected on; "inputs" alone stays consistent under any output noise.
-        closed_loop: whiten with a long autoregression first. Without, feedback from noise to input biases A, B, C, D.
+        closed_loop: whether records are from a closed loop: they are then whitened with a long autoregression first, as
+            feedback from noise to input would bias A, B, C, D.
         feedthrough: estimate D, instead of fixing it to 0. In closed loop only right when the controller answers a
             sample later.
-        initial_states: estimate each record's state at its start; False starts all at 0.
+        initial_states: whether each record's state at its start is estimated; else all start at 0.
         poles: "stable" moves unstable poles inside, "integrating" also puts a real one on 1; B, D are fitted after.
         weights: (p,) one over each output's unit of error, in all least squares; equal ones when empty.
         compression: see `hankel.factor`.

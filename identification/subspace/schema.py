@@ -25,7 +25,6 @@ class PreparationBlock(ConditioningBlock):
     """What is done to recordings before a linear model is fitted.
 
     Attributes:
-        scaled: whether outputs are brought to the size of the input.
         compensation: magnitude of a friction compensation that is taken off the input.
     """
 
@@ -96,9 +95,6 @@ class SubspaceBlock(RecordedStudyBlock):
         sample: even distance of samples that the traces are brought to [s], inputs held and outputs interpolated; None
             takes them as they are.
         preparation: what is done to recordings first.
-        past: block rows of the past, or of the autoregression in closed loop; `block` without.
-        closed_loop: whether records are from a closed loop: they are then whitened with a long autoregression first.
-        initial_states: whether each record's state at its start is estimated; else all start at 0.
         reduce: how the model is reduced and updated; not at all without.
         block: block rows of the data matrices (q of the flexible-manipulator thesis); some sizes are compared without.
         weightings: methods that are compared; the model with the best free run is refined and reduced.
@@ -114,6 +110,8 @@ class SubspaceBlock(RecordedStudyBlock):
         worst_at_least: FIT that it has to reach along every trace and of every output that moves.
         name: of the FMU.
     """
+
+    explained_by = (SubspaceSettings,)
 
     method: Literal["subspace"]
     inputs: list[str] = Field(min_length=1)

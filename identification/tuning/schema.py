@@ -83,13 +83,9 @@ class MatricesBlock(Block):
 
 
 class OutputBlock(Block):
-    """An output of a plant; see `system_plant.PlantOutput`.
+    """An output of a plant."""
 
-    Attributes:
-        of: component.variable that it shows.
-        factor: by which that is multiplied.
-        unit: of the output; the variable's without, which a factor leaves unknown.
-    """
+    explained_by = (PlantOutput,)
 
     of: str
     factor: float = PlantOutput.factor
@@ -97,7 +93,7 @@ class OutputBlock(Block):
 
     def output(self) -> PlantOutput:
         """As a plain value."""
-        return PlantOutput(self.of, self.factor, self.unit)
+        return PlantOutput(**dict(self))
 
 
 class PlantBlock(Block):
@@ -251,15 +247,9 @@ class TermBlock(MeasureBlock):
 
 
 class ReferenceStepBlock(Block):
-    """The steps that responses answer to; see `study.StepSpec`.
+    """The steps that responses answer to."""
 
-    Attributes:
-        height: of the reference [its unit].
-        duration: how long responses are followed [s].
-        disturbance: height of what is added to a plant's input [its unit].
-        band: share of the height within which a response has settled.
-        limit: of the command [its unit], which linear loops do not have; what counts as saturation.
-    """
+    explained_by = (StepSpec,)
 
     height: float = StepSpec.height
     duration: Seconds = Field(StepSpec.duration, gt=0, validate_default=True)
@@ -269,17 +259,13 @@ class ReferenceStepBlock(Block):
 
     def spec(self) -> StepSpec:
         """As a plain value."""
-        return StepSpec(self.height, self.limit, float(self.duration), self.disturbance, self.band)
+        return StepSpec(**{**dict(self), "duration": float(self.duration)})
 
 
 class DrawsBlock(Block):
-    """Draws of plants whose parameters have a spread; see `study.DrawSpec`.
+    """Draws of plants whose parameters have a spread."""
 
-    Attributes:
-        count: how many of each such plant the search sees; as many more show what its values do with others.
-        seed: of the draws.
-        share: of all draws that has to hold all hard goals.
-    """
+    explained_by = (DrawSpec,)
 
     count: int = Field(DrawSpec.count, ge=1, le=100_000)
     seed: int = DrawSpec.seed
@@ -287,18 +273,18 @@ class DrawsBlock(Block):
 
     def spec(self) -> DrawSpec:
         """As a plain value."""
-        return DrawSpec(self.count, self.seed, self.share)
+        return DrawSpec(**dict(self))
 
 
 class RigBlock(Block):
-    """A scenario on which the design is judged; see `rig.Rig`.
+    """A scenario on which the design is judged.
 
     Attributes:
         scenario: its file, relative to this one.
-        component: of the scenario, in whose place the controller's FMU is put.
-        gains_only: whether the component stays, and only takes what was found: PDP's gains into PDPC.
         set: component.variable -> value over those of the file.
     """
+
+    explained_by = (Rig,)
 
     scenario: Path
     component: str = Rig.component
@@ -336,13 +322,12 @@ class TuneBlock(StudyBlock):
         goals: bounds that the design has to hold, or, `soft`, should.
         minimise: what is to be small besides, summed up by weight.
         connections: between `plant` and `controller`, as in a scenario.
-        reference: the controller's input that tells where to go.
-        tracked: the plant's output that is to follow it; the loop is opened there for margins.
-        delay: computing delay, from a sample to the command that comes of it [s].
         draws: of plants whose parameters have a spread, by which hard goals have to be held, too.
         design: the procedure and its keys.
         judged_on: scenarios on the nonlinear rig, all of whose expectations the design has to hold.
     """
+
+    explained_by = (TuningStudy,)
 
     method: Literal["tune"]
     controller: ComponentBlock

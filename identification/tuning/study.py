@@ -44,9 +44,9 @@ class StepSpec:
 
     Attributes:
         height: of the reference [its unit].
-        duration: [s].
-        disturbance: of what is added to an input of the plant [its unit].
-        band: part of the height within which a response has settled.
+        duration: how long responses are followed [s].
+        disturbance: height of what is added to a plant's input [its unit].
+        band: share of the height within which a response has settled.
         limit: of the command [its unit], which linear loops do not have; what counts as saturation.
     """
 
@@ -63,6 +63,7 @@ class DrawSpec:
 
     Attributes:
         count: how many of each such plant the search sees; as many more show what its values do with others.
+        seed: of the draws.
         share: of all draws that has to hold all hard goals.
     """
 
@@ -78,8 +79,8 @@ class TuningStudy:
     Attributes:
         connections: (source, target) between `plant` and `controller`.
         reference: the controller's input that tells where to go.
-        tracked: the plant's output that is to follow it.
-        delay: between a sample and the command that comes of it [s].
+        tracked: the plant's output that is to follow it; the loop is opened there for margins.
+        delay: computing delay, from a sample to the command that comes of it [s].
         rigs: on which what is found is judged before it is written back.
     """
 

@@ -167,9 +167,9 @@ class RunBlock(Block):
             `jacobi`, or again and again until what they take and give over it agrees, `iterated`.
         cycles: how cycles of direct feed-through are iterated; without it they are refused.
         nonfinite: whether an output that is NaN or infinite ends the run, or is allowed and counted.
-        tolerance: relative tolerance that FMUs with a solver of their own are told; none by default.
-        tell_stop: whether FMUs are told when the run stops; some then refuse to go beyond it by a rounding error.
     """
+
+    explained_by = (Timing,)
 
     model_config = ConfigDict(json_schema_extra=may_be_partial)
 

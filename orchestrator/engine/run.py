@@ -24,7 +24,7 @@ class Timing:
     """When a run starts and stops and how it steps; exact times [s].
 
     Attributes:
-        tolerance: relative tolerance that co-simulation FMUs are told, None for none.
+        tolerance: relative tolerance that FMUs with a solver of their own are told; none by default.
         tell_stop: whether FMUs are told when the run stops; some then refuse to go beyond by a rounding error.
         finite: whether an output that is not finite ends the run.
         control: how steps inside the communication step are chosen; None where it is one.

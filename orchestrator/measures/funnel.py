@@ -26,9 +26,9 @@ class FunnelTolerance:
     """How far a signal may be from its reference; what is given adds up.
 
     Attributes:
-        value: absolute [unit].
-        relative: share of the reference's amount there [1].
-        of_range: share of the reference's range [1].
+        value: absolute [unit of the signal].
+        relative: share of the reference's amount there.
+        of_range: share of the reference's range.
         leading, lagging: by how much it may come earlier, or later [s].
 
     Raises:

@@ -21,10 +21,10 @@ class UnknownBlock(Block):
     """A parameter of the controller that is sought between bounds, in its unit or with their own: `5 V`.
 
     Attributes:
-        start: where the search begins; the controller's own value without.
         min, max: the bounds.
-        scale: in which steps are taken between the bounds, `linear` or `log`.
     """
+
+    explained_by = (Unknown,)
 
     start: float | Quantity | None = None
     min: float | Quantity
@@ -37,16 +37,13 @@ class UnknownBlock(Block):
 
 
 class SearchBlock(Block):
-    """A search within bounds; see `search.Search`.
+    """A search within bounds.
 
     Attributes:
         by: names the procedure.
-        unknowns: the controller's parameter -> its bounds.
-        seed: of the starts that are drawn.
-        evaluations: the most that a simplex may take.
-        starts: points to start from, each parameter -> value, over the unknowns' own; in their units.
-        more: how many further starts are drawn between the bounds.
     """
+
+    explained_by = (Search,)
 
     by: Literal["search"] = "search"
     unknowns: dict[str, UnknownBlock] = Field(min_length=1)
@@ -86,26 +83,24 @@ class WeightsBlock(Block):
 
 
 class ObserverBlock(WeightsBlock):
-    """Weights of the observer, and how much faster than the feedback it is at least; see `StateFeedback.faster`.
+    """Weights of the observer, and how much faster than the feedback it is at least."""
 
-    Attributes:
-        faster: times the slowest pole of the feedback, at which all of the observer's fade at least; the weights alone
-            decide without.
-    """
+    explained_by = (StateFeedback,)
 
     faster: float | None = Field(StateFeedback.faster, gt=0)
 
 
 class StateFeedbackBlock(Block):
-    """State feedback from an observer, for `ilqr` and `lqg`; see `state_feedback.StateFeedback`.
+    """State feedback from an observer, for `ilqr` and `lqg`.
 
     Attributes:
         by: names the procedure.
-        plant: the one of the design, the first by default.
         weights: of the linear-quadratic regulator, for K.
         observer: of its dual, for L.
         ki: bounds of the integral's gain, which is sought on the study's goals; without them it stays.
     """
+
+    explained_by = (StateFeedback,)
 
     by: Literal["state-feedback"]
     plant: str | None = StateFeedback.plant

@@ -32,9 +32,10 @@ class Search:
     """A search over parameters of the controller.
 
     Attributes:
-        unknowns: by the parameter's name.
-        starts: points, each parameter -> value; without any the unknowns' own starts.
-        more: how many further ones are drawn between the bounds, by `seed`.
+        unknowns: the controller's parameter -> its bounds.
+        starts: points to start from, each parameter -> value, over the unknowns' own; in their units.
+        more: how many further starts are drawn between the bounds.
+        seed: of the starts that are drawn.
         evaluations: the most that a simplex may take.
     """
 

@@ -40,9 +40,9 @@ class StateFeedback:
     Attributes:
         weights: of the states, or the plant's outputs, and of the command, for K.
         observer: of the states' noise, or of the plant's inputs, and of what is measured, for L.
-        faster: times the slowest pole of the feedback, at which all of the observer's fade at least; None leaves that
-            to the weights.
-        plant: name of the design's; None takes the first.
+        faster: times the slowest pole of the feedback, at which all of the observer's fade at least; the weights alone
+            decide without.
+        plant: the one of the design, the first by default.
         integral: the search for ki; None leaves it.
     """
 

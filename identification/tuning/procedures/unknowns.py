@@ -18,8 +18,9 @@ class Unknown:
     """A parameter of the controller that is sought.
 
     Attributes:
-        low, high, start: in its unit, or like `5 V`; without a start that of the FMU.
-        scale: in which steps are taken between the bounds.
+        low, high: the bounds, in its unit, or like `5 V`.
+        start: where the search begins; the controller's own value without.
+        scale: in which steps are taken between the bounds, `linear` or `log`.
     """
 
     low: float | str

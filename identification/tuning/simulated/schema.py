@@ -18,14 +18,14 @@ from orchestrator.yaml_file import Block
 
 
 class SimulatedLoopBlock(Block):
-    """A closed loop, a case of a scenario; see `study.LoopSpec`.
+    """A closed loop, a case of a scenario.
 
     Attributes:
         scenario: its file, relative to this one.
-        component: of the scenario, in whose place the controller's FMU is put.
-        case: its name, the first by default; what it expects is not judged.
         set: component.variable -> value over those of the file.
     """
+
+    explained_by = (LoopSpec,)
 
     scenario: Path
     component: str = LoopSpec.component
@@ -46,12 +46,10 @@ class SimulatedBlock(StudyBlock):
         minimise: what is to be small besides, summed up by weight.
         design: the unknowns, and how they are sought.
         plants: name -> a scenario in which the controller closes the loop; the reference's last step is the move.
-        reference, tracked: signals of all scenarios, in one unit: where to go, and what is to follow it.
-        command: what the controller gives, for goals that are of it.
-        band: part of the move within which it has settled.
-        limit: of the command [its unit]; what counts as saturation.
         judged_on: further scenarios, all of whose expectations the design has to hold.
     """
+
+    explained_by = (SimulatedStudy,)
 
     method: Literal["tune-simulated"]
     controller: ComponentBlock

@@ -19,7 +19,7 @@ class LoopSpec:
 
     Attributes:
         component: of the scenario, in whose place the controller's FMU is put.
-        case: its name; None takes the first.
+        case: its name, the first by default; what it expects is not judged.
         values: component.variable -> value over those of the file.
     """
 
@@ -34,8 +34,8 @@ class SimulatedStudy:
     """A controller, the loops it is tuned for at once, and what is asked.
 
     Attributes:
-        reference, tracked: signals of the scenarios, in one unit: where to go, and what is to follow.
-        command: what the controller gives; None where no goal is of it.
+        reference, tracked: signals of all scenarios, in one unit: where to go, and what is to follow it.
+        command: what the controller gives, for goals that are of it.
         band: part of a move within which it has settled.
         limit: of the command [its unit]; what counts as saturation.
         rigs: on which what is found is judged before it is written back.

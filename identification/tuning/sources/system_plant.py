@@ -29,7 +29,9 @@ class PlantOutput:
     """What a plant shows: factor * component.variable.
 
     Attributes:
-        unit: of the output; None takes the variable's, which a factor leaves unknown.
+        of: component.variable that it shows.
+        factor: by which that is multiplied.
+        unit: of the output; the variable's without, which a factor leaves unknown.
     """
 
     of: str

@@ -23,12 +23,11 @@ class FunnelBlock(Block):
     """How far a signal may be from its reference, in value and in time; what is given for the value adds up.
 
     Attributes:
-        value: absolute [unit of the signal].
-        relative: share of the reference's amount there.
-        of_range: share of the reference's range.
         time: by how much it may come earlier or later [s].
         leading, lagging: instead of `time`, by how much it may come earlier, or later [s].
     """
+
+    explained_by = (FunnelTolerance,)
 
     value: Distance = 0.0
     relative: Share = Field(0.0, ge=0)
