@@ -55,17 +55,13 @@ def build(
     code = _code(model, fmi, network)
     resources = {f"resources/{name}.csv": values.csv(table) for name, table in (tables or {}).items()}
     resources[defaults.RESOURCE] = defaults.dump(starts).encode()
-    files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
-    files |= binaries(model.name, code, fmi, compiler.find(platforms))
+    files = resources | compiled(model.name, code, fmi, compiler.find(platforms))
     files["modelDescription.xml"] = _description(
         shown, f"{code.token}-{archive.digest(resources)[:16]}", fmi, code, network
     )
     files["documentation/index.html"] = documentation.page(shown)
-    files[licenses.NAME] = licenses.native()
     files |= terminals.files(shown, fmi, None if network is None else network_files.terminal(network))
     files |= {} if network is None else network_files.files(network)
-    if fmi == 3:
-        files["sources/buildDescription.xml"] = build_description(model.name, code)
     archive.write(path, files)
     return path
 
@@ -103,9 +99,16 @@ def _shown(model: Model, starts: Mapping[str, Number], network: Network | None) 
     return shown if network is None else shown.on_a_bus(network.received)
 
 
-def binaries(
+def compiled(
     name: str, code: Code, fmi: int, platforms: Sequence[Platform], flags: Sequence[str] = ()
 ) -> dict[str, bytes]:
+    """Sources, what they are compiled to, and their license, by archive name."""
+    files = {f"sources/{file}": text.encode() for file, text in code.sources.items()}
+    files |= _binaries(name, code, fmi, platforms, flags) | {licenses.NAME: licenses.native()}
+    return files | ({"sources/buildDescription.xml": _build_description(name, code)} if fmi == 3 else {})
+
+
+def _binaries(name: str, code: Code, fmi: int, platforms: Sequence[Platform], flags: Sequence[str]) -> dict[str, bytes]:
     """Libraries by archive name; FMI 2.0 has one folder for the two processors of macOS, so they share a file."""
     found: dict[str, dict[str, bytes]] = {}
     for target in platforms:
@@ -139,7 +142,7 @@ def _description(shown: ModelInterface, token: str, fmi: int, code: Code, networ
     return (xml.fmi2 if fmi == 2 else xml.fmi3)(shown, token, offers, extras)
 
 
-def build_description(name: str, code: Code) -> bytes:
+def _build_description(name: str, code: Code) -> bytes:
     """buildDescription.xml of FMI 3.0: how the sources of an FMU of this name are compiled."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)

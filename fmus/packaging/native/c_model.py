@@ -14,7 +14,8 @@ from fmus.errors import ModelError
 from fmus.modelling.model import Delay, Model, State, element, element_names
 from fmus.modelling.symbolic import Traced, conflicts, symbols_in, trace
 from fmus.packaging.description.interface import Exposed, ModelInterface, clocked, exchangeable, rate_name
-from fmus.packaging.native import c_code
+from fmus.packaging.native import c_code, c_text
+from fmus.packaging.native.c_text import array, enumeration, function
 from fmus.packaging.native.partials import Partials, linearised
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,199}", re.ASCII)
@@ -73,32 +74,12 @@ def layout(interface: ModelInterface, token: str) -> str:
         "CLOCK": interface.time_reference + 1 if clocked(model) and not interface.networked else -1,
         "SAMPLE_TIME": places[model.sample_time] if model.sampled and model.sample_time else -1,
     }
-    lines = [f"    {name} = {value}," for name, value in sizes.items()]
-    named = {name: place for name, place in places.items() if element(name) is None}
-    named |= {name: places[_first(model, name)] for name in model.arrays}
-    references = [f"    vr_{name} = {place}," for name, place in named.items()]
-    return "\n".join(
-        [
-            _HEAD.format(name=model.name) + "#ifndef LAYOUT_H",
-            "#define LAYOUT_H",
-            "",
-            f"#define MODEL_NAME {c_code.string(model.name)}",
-            f"#define MODEL_TOKEN {c_code.string(token)}",
-            *(["#define NETWORK"] if interface.networked else []),
-            "",
-            "enum {",
-            *lines,
-            "};",
-            "",
-            "/* Value references, of arrays the first; those of rates and time follow. */",
-            "enum {",
-            *references,
-            "};",
-            "",
-            "#endif",
-            "",
-        ]
-    )
+    references = {f"vr_{name}": place for name, place in places.items() if element(name) is None}
+    references |= {f"vr_{name}": places[_first(model, name)] for name in model.arrays}
+    said = "/* Value references, of arrays the first; those of rates and time follow. */"
+    numbers = [*enumeration(sizes), said, *enumeration(references)]
+    defined = ["NETWORK"] if interface.networked else []
+    return c_text.layout(_HEAD.format(name=model.name), model.name, token, defined, numbers)
 
 
 def _first(model: Model, name: str) -> str:
@@ -147,14 +128,14 @@ class _Source:
 
     def _tables_of_variables(self) -> list[str]:
         model = self.model
-        nominals = [_nominal(self.interface.by_name[state.name]) for state in model.continuous]
+        nominals = [c_code.literal(self.interface.by_name[state.name].nominal or 1.0) for state in model.continuous]
         return [
-            _array("const Variable model_variables[N_VARIABLES]", self._variables()),
-            _array("const State model_states[N_STATES + 1]", [*map(self._state, model.states), "{-1, -1, 0.0, 0}"]),
-            _array("const int model_continuous[N_CONTINUOUS + 1]", [*(f"vr_{s.name}" for s in model.continuous), "-1"]),
-            _array("const double model_nominals[N_CONTINUOUS + 1]", [*nominals, "1.0"]),
-            _array("const char *const model_tables[N_TABLES + 1]", [*map(c_code.string, model.tables), "NULL"]),
-            _array("const Delay model_delays[N_DELAYS + 1]", [*map(self._delay, model.delays), "{-1, -1, -1, -1}"]),
+            array("const Variable model_variables[N_VARIABLES]", self._variables()),
+            array("const State model_states[N_STATES + 1]", [*map(self._state, model.states), "{-1, -1, 0.0, 0}"]),
+            array("const int model_continuous[N_CONTINUOUS + 1]", [*(f"vr_{s.name}" for s in model.continuous), "-1"]),
+            array("const double model_nominals[N_CONTINUOUS + 1]", [*nominals, "1.0"]),
+            array("const char *const model_tables[N_TABLES + 1]", [*map(c_code.string, model.tables), "NULL"]),
+            array("const Delay model_delays[N_DELAYS + 1]", [*map(self._delay, model.delays), "{-1, -1, -1, -1}"]),
             self._places("rate", [(rate_name(name), known) for name, known in self.linearised.rates]),
             self._places("output", self.linearised.outputs),
             self._places("update", self.linearised.update),
@@ -182,8 +163,7 @@ class _Source:
     def _variable(self, variable: Exposed) -> str:
         states = {state.name for state in self.model.states}
         role = "STATE" if variable.name in states else _role(variable)
-        start, size = c_code.literal(variable.start or 0.0), self._size(variable.name)
-        return f"{{{c_code.string(variable.name)}, {variable.type.upper()}, {role}, {start}, {size}}}"
+        return c_text.variable(variable, role, variable.start or 0.0, self._size(variable.name))
 
     def _state(self, state: State) -> str:
         if isinstance(state.start, str):
@@ -237,13 +217,14 @@ class _Source:
         computed: Mapping[sympy.Basic, str] | None = None,
     ) -> str:
         lines, values = self._statements(label, list(targets.values()), computed or {})
-        return _function(head, [*lines, *_assignments(targets, values)], arguments)
+        assigned = [f"{target} = {value};" for target, value in zip(targets, values, strict=True)]
+        return function(head, [*lines, *assigned], arguments)
 
     def _solver_step(self) -> str:
         step = self.written.solver_step
         lines, values = self._statements("solver_step", [sympy.oo if step is None else step])
         head = "double model_solver_step(const double *v, const Table *tables)"
-        return _function(head, [*lines, f"return {values[0]};"], ("v", "tables"))
+        return function(head, [*lines, f"return {values[0]};"], ("v", "tables"))
 
     def _conflict(self) -> str:
         """What depends on parameters alone, and which."""
@@ -258,7 +239,7 @@ class _Source:
                 "}",
             ]
         head = "const char *model_conflict(const double *v, const Table *tables, const int **about)"
-        return _function(head, [*lines, "return NULL;"], ("v", "tables", "about"))
+        return function(head, [*lines, "return NULL;"], ("v", "tables", "about"))
 
     def _refusal(self) -> str:
         others = [i for i in range(len(self.written.requirements)) if i not in conflicts(self.model)]
@@ -266,7 +247,7 @@ class _Source:
         for condition, i in zip(values, others, strict=True):
             lines += [f"if (!({condition}))", f"    return {c_code.string(self.model.requirements[i].reason)};"]
         head = f"const char *model_refusal({_ARGUMENTS})"
-        return _function(head, [*lines, "return NULL;"], ("t", "v", "tables"))
+        return function(head, [*lines, "return NULL;"], ("t", "v", "tables"))
 
     def _partials(self, label: str, partials: Partials) -> str:
         return self._assigning(
@@ -300,28 +281,8 @@ def _numbered(array: str, expressions: Iterable[sympy.Basic]) -> dict[str, sympy
     return {f"{array}[{i}]": expression for i, expression in enumerate(expressions)}
 
 
-def _assignments(targets: Iterable[str], values: Iterable[str]) -> list[str]:
-    return [f"{target} = {value};" for target, value in zip(targets, values, strict=True)]
-
-
 def _into_values(results: Mapping[str, sympy.Expr]) -> dict[str, sympy.Expr]:
     return {f"v[vr_{name}]": expression for name, expression in results.items()}
-
-
-def _nominal(variable: Exposed) -> str:
-    return c_code.literal(variable.nominal or 1.0)
-
-
-def _array(head: str, entries: Sequence[str]) -> str:
-    return f"{head} = {{\n" + "".join(f"    {entry},\n" for entry in entries) + "};\n"
-
-
-def _function(head: str, lines: Sequence[str], arguments: Sequence[str]) -> str:
-    """A definition; arguments that no line mentions are marked as unused."""
-    text = re.sub('"[^"]*"', "", "\n".join(lines))  # words of messages use nothing
-    silent = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
-    body = "".join(f"    {line}\n" for line in [*silent, *lines])
-    return f"{head}\n{{\n{body}}}\n"
 
 
 def _role(variable: Exposed) -> str:

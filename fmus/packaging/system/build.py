@@ -10,11 +10,11 @@ from pathlib import Path
 
 from fmus.modelling.agreement import require_agreement
 from fmus.modelling.model import Number
-from fmus.packaging import archive, defaults, licenses, values
+from fmus.packaging import archive, defaults, values
 from fmus.packaging.description import terminals, xml
 from fmus.packaging.description.xml import Extras, Offer
 from fmus.packaging.native import compiler
-from fmus.packaging.native.build import LOG_CATEGORIES, Code, binaries, build_description
+from fmus.packaging.native.build import LOG_CATEGORIES, Code, compiled
 from fmus.packaging.native.capabilities import CAPABILITIES
 from fmus.packaging.system import c_system, manifest, nested, page
 from fmus.packaging.system.fused import FusedSystem
@@ -45,17 +45,13 @@ def build(system: FusedSystem, path: Path, fmi: int = 2, platforms: Sequence[str
     }
     resources |= held
     resources[defaults.RESOURCE] = defaults.dump(_starts(interface)).encode()
-    files = resources | {f"sources/{name}": text.encode() for name, text in code.sources.items()}
-    files |= binaries(system.name, code, fmi, machines, FLAGS)
+    files = resources | compiled(system.name, code, fmi, machines, FLAGS)
     shows = "\n".join(interface.by_name).encode()  # what importers may know it by, whatever its binary does
     identity = f"{code.token}-{archive.digest(resources | {'shows': shows})[:16]}"
     files["modelDescription.xml"] = _description(interface, identity, fmi, code)
     files |= terminals.files(interface, fmi)
     files["documentation/index.html"] = page.page(interface)
-    files[licenses.NAME] = licenses.native()
     files[manifest.NAME] = manifest.written(system)
-    if fmi == 3:
-        files["sources/buildDescription.xml"] = build_description(system.name, code)
     archive.write(path, files)
     return path
 

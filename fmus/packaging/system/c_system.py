@@ -12,7 +12,8 @@ from pathlib import Path
 from fmus.modelling.model import Model, element
 from fmus.packaging.description import exposure
 from fmus.packaging.description.interface import Exposed, ModelInterface
-from fmus.packaging.native import c_code, c_model, sources
+from fmus.packaging.native import c_code, c_model, c_text, sources
+from fmus.packaging.native.c_text import array, enumeration, function
 from fmus.packaging.system import nested
 from fmus.packaging.system.interface import SystemInterface
 from fmus.packaging.system.nested import NestedPart
@@ -66,24 +67,8 @@ def layout(interface: SystemInterface, token: str) -> str:
         "CLOCK": -1,
         "SAMPLE_TIME": -1,
     } | dict.fromkeys((f"N_{what}" for what in _OF_MODELS), 0)
-    nests = ["#define NESTED"] if interface.system.nested else []
-    return "\n".join(
-        [
-            _HEAD.format(name=interface.name) + "#ifndef LAYOUT_H",
-            "#define LAYOUT_H",
-            "",
-            f"#define MODEL_NAME {c_code.string(interface.name)}",
-            f"#define MODEL_TOKEN {c_code.string(token)}",
-            *nests,
-            "",
-            "enum {",
-            *(f"    {name} = {value}," for name, value in sizes.items()),
-            "};",
-            "",
-            "#endif",
-            "",
-        ]
-    )
+    head, defined = _HEAD.format(name=interface.name), ["NESTED"] if interface.system.nested else []
+    return c_text.layout(head, interface.name, token, defined, enumeration(sizes))
 
 
 def _identifiers(interface: SystemInterface) -> dict[Model, str]:
@@ -141,9 +126,9 @@ def _wiring(interface: SystemInterface, identifiers: Mapping[Model, str]) -> str
             _HEAD.format(name=interface.name) + f'#include "{"nested" if system.nested else "system"}.h"\n',
             *(f"extern const PartModel {identifier}_part;" for identifier in identifiers.values()),
             "",
-            _array("const Variable model_variables[N_VARIABLES]", [*variables, '{"time", REAL, TIME, 0.0, 1}']),
+            array("const Variable model_variables[N_VARIABLES]", [*variables, '{"time", REAL, TIME, 0.0, 1}']),
             *functions,
-            _array("const Part system_parts[N_PARTS]", parts),
+            array("const Part system_parts[N_PARTS]", parts),
             f"const double system_tolerance = {c_code.literal(system.tolerance)};",
             f"const Clock system_clock = {{{', '.join(map(c_code.literal, base))}}};",
             "",
@@ -176,8 +161,7 @@ def _variable(interface: SystemInterface, variable: Exposed) -> str:
     if variable.name in interface.sources:
         role = "OUTPUT"
     own = interface.models[part].model.by_name.get(name) if part in interface.models else variable
-    start, size = c_code.literal(float((own and own.start) or 0.0)), _size(interface, variable.name)
-    return f"{{{c_code.string(variable.name)}, {variable.type.upper()}, {role}, {start}, {size}}}"
+    return c_text.variable(variable, role, float((own and own.start) or 0.0), _size(interface, variable.name))
 
 
 def _fmu(interface: SystemInterface, part: NestedPart, own: Iterable[Exposed], number: int) -> str:
@@ -193,7 +177,7 @@ def _fmu(interface: SystemInterface, part: NestedPart, own: Iterable[Exposed], n
     return "\n".join(
         [
             f"static const char *const categories_{number}[] = {{{categories}}};",
-            _array(f"static const NestedVariable variables_{number}[]", [*entries, "{0, REAL_VALUE, GIVEN, 0}"]),
+            array(f"static const NestedVariable variables_{number}[]", [*entries, "{0, REAL_VALUE, GIVEN, 0}"]),
             f"static const NestedFmu fmu_{number} = {{{', '.join(known)}}};\n",
         ]
     )
@@ -216,15 +200,14 @@ def _take(interface: SystemInterface, own: Iterable[Exposed], number: int, first
     inputs = [variable for variable in own if variable.causality == "input"]
     wires = [interface.sources.get(variable.name) for variable in inputs]
     scaled = any(wire is not None and (wire.factor, wire.offset) != (1.0, 0.0) for wire in wires)
-    references = {variable.name: variable.reference for of in interface.inside.values() for variable in of}
     lines = []
     for variable, wire in zip(inputs, wires, strict=True):
-        value = f"v[{references[wire.source] if wire else variable.reference}]"
+        value = f"v[{interface.references[wire.source] if wire else variable.reference}]"
         if scaled:
             factor, offset = (wire.factor, wire.offset) if wire else (1.0, 0.0)
             value = f"{c_code.literal(factor)} * {value} + {c_code.literal(offset)}"
         lines.append(f"values[{variable.reference - first}] = {value}; /* {_plain(variable.name)} */")
-    return _function(f"static void take_{number}(const double *v, double *values)", ("v", "values"), lines)
+    return function(f"static void take_{number}(const double *v, double *values)", lines, ("v", "values"))
 
 
 def _plain(name: str) -> str:
@@ -238,33 +221,21 @@ def _give(own: Iterable[Exposed], number: int, first: int, live: set[str]) -> st
     lines = [f"v[{reference}] = values[{reference - first}];" for reference in outputs]
     total = " + ".join(f"v[{reference}]" for reference in outputs) or "0.0"
     head = f"static double give_{number}(const double *values, double *v)"
-    return _function(head, ("v", "values"), [*lines, f"return {total};"])
+    return function(head, [*lines, f"return {total};"], ("v", "values"))
 
 
 def _feeds(interface: SystemInterface, own: Iterable[Exposed], number: int, first: int) -> str:
     """What moves a part's real inputs, for tangents."""
-    references = {variable.name: variable.reference for of in interface.inside.values() for variable in of}
     entries = []
     for variable in own:
         if variable.causality == "input" and variable.type == "Real":
             wire = interface.sources.get(variable.name)
-            source, factor = (references[wire.source], wire.factor) if wire else (variable.reference, 1.0)
+            source, factor = (interface.references[wire.source], wire.factor) if wire else (variable.reference, 1.0)
             entries.append(f"{{{variable.reference - first}, {source}, {c_code.literal(factor)}}}")
-    return _array(f"static const Feed feeds_{number}[]", [*entries, "{-1, 0, 0.0}"])
+    return array(f"static const Feed feeds_{number}[]", [*entries, "{-1, 0, 0.0}"])
 
 
 def _outputs(own: Iterable[Exposed], number: int, live: set[str]) -> str:
     """The real outputs of a part that anybody looks at, for tangents."""
     found = [str(variable.reference) for variable in own if variable.name in live and variable.type == "Real"]
     return f"static const int outputs_{number}[] = {{{', '.join([*found, '-1'])}}};\n"
-
-
-def _function(head: str, arguments: Iterable[str], lines: list[str]) -> str:
-    """A definition; arguments that no line mentions are marked as unused."""
-    text = "\n".join(lines)
-    silent = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
-    return f"{head}\n{{\n" + "".join(f"    {line}\n" for line in [*silent, *lines]) + "}\n"
-
-
-def _array(head: str, entries: Iterable[str]) -> str:
-    return f"{head} = {{\n" + "".join(f"    {entry},\n" for entry in entries) + "};\n"

@@ -76,6 +76,11 @@ class SystemInterface:
         return {wire.target: wire for wire in self.system.wires}
 
     @cached_property
+    def references(self) -> Mapping[str, int]:
+        """part.variable -> value reference, of those that importers do not see, too."""
+        return {variable.name: variable.reference for own in self.inside.values() for variable in own}
+
+    @cached_property
     def outputs(self) -> Mapping[str, tuple[str, ...]]:
         """Each output with the inputs that act on it within the step they are set in."""
         return self._reaching(self._instantly)
