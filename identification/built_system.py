@@ -11,7 +11,7 @@ from pathlib import Path
 from fmus import library
 from fmus.modelling.model import start_values
 from identification.method import CalibratedFmu
-from orchestrator.assembly.assembly import SystemSpec, assemble
+from orchestrator.assembly.assembly import SystemSpec, assemble, component_values
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.interface import Port, Value
 
@@ -67,9 +67,3 @@ def _starts_so(ports: Mapping[str, Mapping[str, Port]], name: str, value: Value)
     component, _, variable = name.partition(".")
     port = ports[component].get(variable)
     return port is not None and port.start is not None and port.parsed(port.start) == value
-
-
-def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:
-    """variable -> value of one component."""
-    prefix = f"{component}."
-    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}

@@ -304,6 +304,15 @@ def result_file(folder: Path, name: str) -> Path:
     return folder / name
 
 
+def by_use(recorded: Iterable[StudyTrace], earlier: Summary) -> dict[str, list[StudyTrace]]:
+    """ "unseen" and "fitted" -> those that a fit did not use, by their hashes, and those that it did."""
+    used = {trace["sha256"] for trace in earlier["data"] if trace["role"] == "fit"}
+    groups: dict[str, list[StudyTrace]] = {"unseen": [], "fitted": []}
+    for recording in recorded:
+        groups["fitted" if recording.sha256 in used else "unseen"].append(recording)
+    return groups
+
+
 def data_summary(recorded: Iterable[StudyTrace], held_out: Iterable[str] = ()) -> list[TraceSummary]:
     """File, hash and role of each trace, and the notes on its file where there are some."""
     kept = set(held_out)

@@ -13,7 +13,7 @@ import numpy as np
 
 from fmus.errors import IdentificationError
 from fmus.modelling.model import Model, namespace, start_values
-from identification.linearisation.slopes import DIFFERENCES, SLOW, WIDTHS, Sampling, Slopes, Standing, apart
+from identification.linearisation.slopes import DIFFERENCES, SLOW, WIDTHS, Sampling, Slopes, Standing, apart, quarters
 from orchestrator.trace import FloatArray
 
 COARSE = 1e-2  # of those that tell a step of rounding from no slope at all
@@ -39,10 +39,8 @@ def slopes(place: str, model: Model, parameters: Parameters, count: int = 1, at:
     if np.any(wide[:, :, n + m :]):
         problem = f"'{model.name}' remembers what it samples"
         raise IdentificationError(place, problem, "leave it out of the plant, or make it part of the controller")
-    top, bottom = wide[:, :n], wide[:, n:]
     names = equations.states, equations.inputs, equations.outputs
-    parts = top[:, :, :n], top[:, :, n : n + m], bottom[:, :, :n], bottom[:, :, n : n + m]
-    return Slopes(*parts, *names, DIFFERENCES, moving)
+    return Slopes(*quarters(wide[:, :, : n + m], n), *names, DIFFERENCES, moving)
 
 
 def sampling(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fmus.errors import IdentificationError, TangentsMissing
-from identification.linearisation.slopes import TANGENTS, WIDTHS, Sampling, Slopes, apart
+from identification.linearisation.slopes import TANGENTS, WIDTHS, Sampling, Slopes, apart, central, quarters
 from orchestrator.fmi.interface import along
 from orchestrator.fmi.slave import Slave
 from orchestrator.trace import FloatArray
@@ -43,10 +43,7 @@ def fmu_sampling(place: str, at: Stopped, outputs: Sequence[str], period: float)
     """
     states = _states(at)
     found = _tangents(place, at, states, outputs, period)
-    n = len(states)
-    top, bottom = found[:n], found[n:]
-    names = tuple(at.inputs), tuple(outputs)
-    return Sampling(top[:, :n], top[:, n:], bottom[:, :n], bottom[:, n:], *names, period, TANGENTS)
+    return Sampling(*quarters(found, len(states)), tuple(at.inputs), tuple(outputs), period, TANGENTS)
 
 
 def fmu_gains(place: str, at: Stopped, outputs: Sequence[str]) -> Slopes:
@@ -98,26 +95,19 @@ def _tangents(place: str, at: Stopped, states: Sequence[str], outputs: Sequence[
     found = np.array(slave.read(), dtype=float).reshape(len(results), len(knowns))
     slave.carry(0, {})
     slave.bind(inputs, results)
-    wide, narrow = (_differences(at, len(results), width, period) for width in WIDTHS)
+    point = np.array(list(at.inputs.values()))
+    wide, narrow = (central(lambda moved: _answer(at, moved, period), point, width) for width in WIDTHS)
     if not np.isfinite(found).all() or apart(wide, narrow) or apart(found[:, len(states) :], wide):
         fix = "switch off what does by its parameters, such as noise, rounding and compensation of friction"
         raise IdentificationError(place, "jumps or bends where it is", fix)
     return found
 
 
-def _differences(at: Stopped, rows: int, width: float, period: float) -> FloatArray:
-    """(rows, m) central differences of the bound outputs by the inputs."""
-    point, columns = np.array(list(at.inputs.values())), []
-    for number in range(len(point)):
-        ends = []
-        for sign in (1, -1):
-            moved = point.copy()
-            moved[number] += sign * width
-            at.slave.restore(at.saved)
-            _step(at, moved.tolist(), period)
-            ends.append(np.array(at.slave.read(), dtype=float))
-        columns.append((ends[0] - ends[1]) / (2 * width))
-    return np.stack(columns, axis=1) if columns else np.zeros((rows, 0))
+def _answer(at: Stopped, inputs: FloatArray, period: float) -> FloatArray:
+    """The bound outputs under these inputs (m,)."""
+    at.slave.restore(at.saved)
+    _step(at, inputs.tolist(), period)
+    return np.array(at.slave.read(), dtype=float)
 
 
 def _step(at: Stopped, inputs: list[float], period: float) -> None:

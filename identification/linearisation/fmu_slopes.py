@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 
 from fmus.errors import IdentificationError
-from identification.linearisation.slopes import DIFFERENCES, DIRECTIONAL, SLOW, WIDTHS, Slopes, Standing, apart
+from identification.linearisation.slopes import (
+    DIFFERENCES,
+    DIRECTIONAL,
+    SLOW,
+    WIDTHS,
+    Slopes,
+    Standing,
+    apart,
+    central,
+    quarters,
+)
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuDescription, FmuFile, FmuKind
 from orchestrator.trace import FloatArray
@@ -55,11 +65,9 @@ def fmu_slopes(place: str, file: Path, values: Mapping[str, Any], count: int = 1
                 slave.reset()
         finally:
             slave.close()
-    n, m = models[0].shape[1] - len(inputs), len(inputs)
-    whole = np.stack(models)
-    top, bottom = whole[:, :n], whole[:, n:]
+    n = models[0].shape[1] - len(inputs)
     names = tuple(f"state {number + 1}" for number in range(n)), inputs, outputs
-    return Slopes(top[:, :, :n], top[:, :, n : n + m], bottom[:, :, :n], bottom[:, :, n:], *names, by, moving)
+    return Slopes(*quarters(np.stack(models), n), *names, by, moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +106,8 @@ class _Resting:
 
     def matrices(self, place: str) -> FloatArray:
         """(n + p, n + m) slopes of rates and outputs by states and inputs."""
-        wide, narrow = (self._differences(width) for width in WIDTHS)
+        point = np.concatenate([self.states, self.inputs])
+        wide, narrow = (central(self._answer, point, width) for width in WIDTHS)
         if not np.isfinite(wide).all() or apart(wide, narrow):
             fix = "switch off what does, such as dry friction, play and noise, by its parameters"
             raise IdentificationError(place, "jumps or bends where it rests", fix)
@@ -109,14 +118,5 @@ class _Resting:
             raise IdentificationError(place, problem, "ask its supplier, or name its `model`")
         return self.directional
 
-    def _differences(self, width: float) -> FloatArray:
-        point = np.concatenate([self.states, self.inputs])
-        columns = []
-        for number in range(len(point)):
-            ends = []
-            for sign in (1, -1):
-                moved = point.copy()
-                moved[number] += sign * width
-                ends.append(np.concatenate(self.slave.answer(*np.split(moved, [len(self.states)]))))
-            columns.append((ends[0] - ends[1]) / (2 * width))
-        return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
+    def _answer(self, point: FloatArray) -> FloatArray:
+        return np.concatenate(self.slave.answer(*np.split(point, [len(self.states)])))

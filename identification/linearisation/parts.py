@@ -20,7 +20,7 @@ from identification.linearisation.fmu_sampling import Stopped, fmu_gains, fmu_sa
 from identification.linearisation.fmu_slopes import fmu_slopes
 from identification.linearisation.point import OperatingPoint
 from identification.linearisation.slopes import MATRICES, Sampling, Slopes, Standing
-from orchestrator.assembly.assembly import ComponentSpec
+from orchestrator.assembly.assembly import ComponentSpec, model_of
 from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Interface, Value
 from orchestrator.fmi.slave import Slave
@@ -101,7 +101,7 @@ def _stepped(
         if mixed:
             problem, fix = "has states in continuous time and samples, too", "name its `model` in place of its FMU"
         raise IdentificationError(name, problem, fix)
-    model = _model(spec)
+    model = model_of(spec)
     _require_shown(name, model, interface, at)
     given = {variable.name: at.before[f"{name}.{variable.name}"] for variable in model.of("parameter")}
     known = {state.name: standing.states[state.name] for state in model.states if state.name in standing.states}
@@ -112,15 +112,10 @@ def _stepped(
     return equations.sampling(name, model, given, float(given[model.sample_time]), shown)
 
 
-def _model(spec: ComponentSpec) -> Model:
-    source = spec.source
-    return library.of_size(source if isinstance(source, Model) else library.find(str(source)), spec.arrays)
-
-
 def _require_prompt(name: str, spec: ComponentSpec, interface: Interface, at: OperatingPoint) -> None:
     """See that no input acts late, which takes more states than there are."""
     known = library.find(interface.model_name) if interface.model_name in library.names() else None
-    model = _model(spec) if spec.fmu is None else known
+    model = model_of(spec) if spec.fmu is None else known
     for delay in model.delays if model else ():
         if at.before.get(f"{name}.{delay.seconds}", 0.0):
             problem = f"'{delay.input}' acts late, which no linear model of finite order does"

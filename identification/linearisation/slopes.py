@@ -5,12 +5,12 @@ x' = A x + B u,   y = C x + D u
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from orchestrator.trace import FloatArray
+from orchestrator.trace import BoolArray, FloatArray
 
 WIDTHS = (1e-4, 1e-6)  # of the central differences, in the variables' units
 ALIKE = 1e-4  # relative, how far slopes of both widths may be apart
@@ -74,6 +74,23 @@ class Standing:
     inputs: Mapping[str, float]
 
 
+def central(answer: Callable[[FloatArray], FloatArray], point: FloatArray, width: float) -> FloatArray:
+    """(r, m) central differences of what answers (r,) to a point (m,)."""
+    steps = width * np.eye(len(point))
+    columns = [(answer(point + step) - answer(point - step)) / (2 * width) for step in steps]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(answer(point)), 0))
+
+
+def quarters(whole: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """A, B, C, D out of slopes (..., n + p, n + m) of rates, or new states, and outputs by states and inputs."""
+    return whole[..., :n, :n], whole[..., :n, n:], whole[..., n:, :n], whole[..., n:, n:]
+
+
+def differ(one: FloatArray, other: FloatArray) -> BoolArray:
+    """Which of two estimates of slopes differ by more than rounding and curvature explain."""
+    return np.asarray(np.abs(one - other) > ALIKE * np.maximum(np.abs(one), np.abs(other)) + 1e-6)
+
+
 def apart(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two estimates of slopes differ by more than rounding and curvature explain."""
-    return bool(np.any(np.abs(one - other) > ALIKE * np.maximum(np.abs(one), np.abs(other)) + 1e-6))
+    """Whether any of them do."""
+    return bool(np.any(differ(one, other)))

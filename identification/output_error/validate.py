@@ -27,6 +27,7 @@ from identification.results import (
     Summary,
     ValidationSummary,
     VerdictSummary,
+    by_use,
     data_summary,
     read_summary,
     verdict,
@@ -94,14 +95,10 @@ def validate(
         FmuError: the FMUs fail.
     """
     study, earlier = isolated(study, isolation), read_summary(folder)
-    used = {trace["sha256"] for trace in earlier["data"] if trace["role"] == "fit"}
     study, values = _with_groups(study, earlier)
     values |= _found_delays(study, earlier, folder)
     recorded = load_campaign(study.traces, data, isolation=study.options.isolation, foreign=True)
-    groups = {
-        "unseen": [trace for trace in recorded if trace.sha256 not in used],
-        "fitted": [trace for trace in recorded if trace.sha256 in used],
-    }
+    groups = by_use(recorded, earlier)
     assembled = assemble(study.system, folder, sorted(study.run.inputs))
     with OpenSystem(assembled) as opened:
         ports = ports_of(study, opened.system)

@@ -17,7 +17,7 @@ from identification.linear.records import InputOutputData, check_rate
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.recordings.units import in_common_units, unit_documents
 from identification.result_sections import verdict_callout
-from identification.results import ValidationSummary, data_summary, read_summary, verdict
+from identification.results import ValidationSummary, by_use, data_summary, read_summary, verdict
 from identification.subspace.calibration import pieces, records
 from identification.subspace.free_runs import free_runs, samples_for
 from identification.subspace.schema import SubspaceBlock
@@ -90,16 +90,12 @@ def validate(
     Raises:
         InputError: the folder holds no result of the study, or the recordings do not fit it.
     """
-    used = {trace["sha256"] for trace in read_summary(folder)["data"] if trace["role"] == "fit"}
-    file = folder / "fmus" / f"{study.name}.fmu"
+    earlier, file = read_summary(folder), folder / "fmus" / f"{study.name}.fmu"
     interface = FmuDescription(file).interface
     model, zero = model_in(interface, str(file)), zero_in(interface, str(file))
     recorded = load_campaign(study.source(folder), data, isolation=isolation, foreign=True)
     recorded = in_common_units(recorded, [*study.inputs, *study.outputs])
-    groups = {
-        "unseen": [trace for trace in recorded if trace.sha256 not in used],
-        "fitted": [trace for trace in recorded if trace.sha256 in used],
-    }
+    groups = by_use(recorded, earlier)
     sides, runs = dict[str, FitSummary](), list[tuple[InputOutputData, FloatArray]]()
     for name, traces in groups.items():
         given = records(study, traces)

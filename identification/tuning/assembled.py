@@ -8,9 +8,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from fmus import library
 from fmus.errors import IdentificationError, WiringError
-from fmus.modelling.model import Model, start_values
+from fmus.modelling.model import start_values
 from identification.built_system import BuiltSystem
 from identification.linear.model import UNIT_CIRCLE, LinearModel
 from identification.tuning.asked import goal, quantity_in, step_test
@@ -26,7 +25,7 @@ from identification.tuning.sources.plants import LinearPlant
 from identification.tuning.sources.system_plant import SystemPlant
 from identification.tuning.sources.varied import varied
 from identification.tuning.study import CONTROLLER, PLANT, TuningStudy
-from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
+from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, model_of
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.rational import seconds
@@ -117,7 +116,7 @@ def sample_time(spec: ComponentSpec) -> Fraction:
         InputError: there is no such model or FMU, or it does not tell how it is sampled.
     """
     if spec.fmu is None:
-        model = _model(spec)
+        model = model_of(spec)
         if model.sample_time is None:
             problem = f"model '{model.name}' is no sampled controller"
             raise IdentificationError(CONTROLLER, problem, "choose one with `update`, such as pdp")
@@ -173,16 +172,11 @@ def _parted(plants: PlantSet, first: int) -> tuple[PlantSet, PlantSet | None, Pl
     return nominal, drawn.only(range(0, len(drawn), 2)), drawn.only(range(1, len(drawn), 2))
 
 
-def _model(spec: ComponentSpec) -> Model:
-    source = spec.source
-    return library.of_size(source if isinstance(source, Model) else library.find(str(source)), spec.arrays)
-
-
 def _controller(spec: ComponentSpec, interface: Interface) -> Controller:
     """By its own equations where they are known, by what it answers to pulses where it is an FMU."""
     if spec.fmu is not None:
         return FmuController(CONTROLLER, spec, interface, sample_time(spec))
-    return ModelController(CONTROLLER, _model(spec), spec.parameters)
+    return ModelController(CONTROLLER, model_of(spec), spec.parameters)
 
 
 def _require_like(place: str, plant: LinearPlant, first: LinearPlant) -> None:

@@ -16,7 +16,7 @@ from fmus.packaging import targets
 from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedPart, FusedSystem, SystemPart, Wire
 from fmus.words import nearest
-from orchestrator.assembly.assembly import OpenSystem, assemble, model_of
+from orchestrator.assembly.assembly import OpenSystem, assemble, component_values, model_of
 from orchestrator.engine.plan import Order, Plan, make_plan
 from orchestrator.fmi.file import FmuFile, FmuKind
 from orchestrator.fmi.interface import Value
@@ -162,7 +162,7 @@ def _parts(
     recorded = frozenset(scenario.recorded(tuple(_outputs(opened.system))))
     found: dict[str, SystemPart] = {}
     for name in (name for group in plan.groups for name in group):
-        component, own = scenario.system.components[name], _own(name, values)
+        component, own = scenario.system.components[name], component_values(name, values)
         every, instant = plan.every[name], bool(plan.instant[name])
         if component.fmu is None:
             numbers = {key: value for key, value in own.items() if not isinstance(value, str)}
@@ -176,15 +176,9 @@ def _parts(
     return found
 
 
-def _own(name: str, values: Mapping[str, Value]) -> dict[str, Value]:
-    """Variable -> value, of one component."""
-    start = f"{name}."
-    return {key.removeprefix(start): value for key, value in values.items() if key.startswith(start)}
-
-
 def _names(name: str, variables: Iterable[str]) -> frozenset[str]:
     """Those of the variables that are a component's, by their names there."""
-    return frozenset(_own(name, dict.fromkeys(variables, 0)))
+    return frozenset(component_values(name, dict.fromkeys(variables, 0)))
 
 
 def _outputs(system: System) -> Iterator[str]:

@@ -13,14 +13,13 @@ from fmus.errors import InputError
 from fmus.files import RawMap
 from fmus.packaging import archive
 from fmus.parameters.write_back import description_of, is_ours
-from identification.built_system import component_values
 from identification.estimation.groups import own_values
 from identification.output_error.calibration import Calibration
 from identification.output_error.exported.latencies import Latency, latencies
 from identification.output_error.times.delays import Estimated
 from identification.output_error.windows import FreeRunWindow
 from orchestrator import formats
-from orchestrator.assembly.assembly import ComponentSpec
+from orchestrator.assembly.assembly import ComponentSpec, component_values
 from orchestrator.fmi.interface import Value
 from orchestrator.rational import written
 from orchestrator.scenario.exchange import export

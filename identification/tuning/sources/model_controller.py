@@ -16,11 +16,11 @@ from fmus.modelling.instance import Instance
 from fmus.modelling.model import Model, namespace, start_values
 from fmus.modelling.symbolic import conflicts
 from identification.linear.model import LinearModel
+from identification.linearisation.slopes import differ
 from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
 
 WIDTHS = (1e-3, 1e-5)  # of the differences, in the variables' units
-ALIKE = 1e-4  # relative, how far slopes of both widths may be apart
 Equations = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
@@ -77,8 +77,7 @@ class ModelController:
         """
         wide, narrow = (self._slopes(values, width) for width in WIDTHS)
         for one, other, row in zip(wide, narrow, (self._states, self._states, self.outputs, self.outputs), strict=True):
-            apart = np.abs(one - other) > ALIKE * np.maximum(np.abs(one), np.abs(other)) + 1e-6
-            if apart.any():
+            if (apart := differ(one, other)).any():
                 name = row[int(np.nonzero(apart)[0][0])]
                 raise IdentificationError(
                     f"{self.name}.{name}",

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fmus import library
 from fmus.errors import IdentificationError, WiringError
-from fmus.modelling.model import Model
 from identification.built_system import BuiltSystem
 from identification.linear.model import LinearModel
 from identification.linearisation.equations import slopes
@@ -17,7 +15,7 @@ from identification.linearisation.fmu_slopes import fmu_slopes
 from identification.linearisation.interconnection import ShownOutput, joined
 from identification.linearisation.slopes import Slopes
 from identification.tuning.sources.plants import LinearPlant
-from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
+from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, model_of
 from orchestrator.fmi.interface import Value
 from orchestrator.settable import check_values, settable
 from orchestrator.system import Endpoint, System, drivable, require
@@ -186,9 +184,7 @@ class _Wired:
             found = fmu_slopes(place, component.fmu, values, count)
             self.remarks[name] = f"{place} ({component.fmu.name}) is linearised by {found.by}"
             return found
-        source = component.source
-        model = library.of_size(source if isinstance(source, Model) else library.find(str(source)), component.arrays)
-        return slopes(place, model, values, count)
+        return slopes(place, model_of(component), values, count)
 
     def _shown(self, name: str, output: PlantOutput) -> ShownOutput:
         place = f"{self._place}.outputs.{name}"
