@@ -34,12 +34,10 @@ class White:
     covariance: FloatArray
 
     def at_least(self, variances: FloatArray) -> White:
-        """See `Noise`."""
         own = np.diag(self.covariance)
         return White(self.covariance + np.diag(np.maximum(variances - own, 0.0)))
 
     def times(self, columns: FloatArray) -> FloatArray:
-        """See `Noise`."""
         outputs = len(self.covariance)
         instants = columns.reshape(len(columns) // outputs, outputs, columns.shape[1])
         return np.asarray((self.covariance @ instants).reshape(columns.shape))
@@ -52,7 +50,6 @@ class Coloured:
     autocovariance: FloatArray
 
     def at_least(self, variances: FloatArray) -> Coloured:
-        """See `Noise`."""
         short = np.maximum(variances - self.autocovariance[:, 0], 0.0)
         return Coloured(self.autocovariance + np.eye(1, self.autocovariance.shape[1]) * short[:, None])
 
@@ -64,7 +61,6 @@ class Coloured:
         return np.asarray(np.divide(sums, power, out=np.ones(len(power)), where=power > 0))
 
     def times(self, columns: FloatArray) -> FloatArray:
-        """See `Noise`."""
         outputs, product = len(self.autocovariance), np.empty_like(columns)
         for i, covariance in enumerate(self.autocovariance):
             rows = columns[i::outputs]

@@ -47,25 +47,20 @@ class Normal:
 
     @property
     def text(self) -> str:
-        """See `Prior`."""
         return f"{self.mean:.5g} ± {self.deviation:.3g}"
 
     def bounds(self, place: str, lower: float, upper: float) -> tuple[float, float]:
-        """See `Prior`."""
         _positive(place, "std", self.deviation)
         _within(place, "mean", self.mean, lower, upper)
         return lower, upper
 
     def distance(self, value: float) -> float:
-        """See `Prior`."""
         return (value - self.mean) / self.deviation
 
     def slope(self, value: float) -> float:
-        """See `Prior`."""
         return 1 / self.deviation
 
     def std(self, value: float) -> float:
-        """See `Prior`."""
         return self.deviation
 
 
@@ -79,11 +74,9 @@ class LogNormal:
 
     @property
     def text(self) -> str:
-        """See `Prior`."""
         return f"{self.median:.5g} to a factor of {self.factor:.3g}"
 
     def bounds(self, place: str, lower: float, upper: float) -> tuple[float, float]:
-        """See `Prior`."""
         _positive(place, "median", self.median)
         if not 1 < self.factor < math.inf:
             raise IdentificationError(place, f"factor {self.factor:g} is no spread", "give a factor above 1")
@@ -95,15 +88,12 @@ class LogNormal:
         return lower, upper
 
     def distance(self, value: float) -> float:
-        """See `Prior`."""
         return math.log(max(value, self._least) / self.median) / math.log(self.factor)
 
     def slope(self, value: float) -> float:
-        """See `Prior`."""
         return 1 / (max(value, self._least) * math.log(self.factor))
 
     def std(self, value: float) -> float:
-        """See `Prior`."""
         return max(value, self._least) * math.log(self.factor)
 
     @property
@@ -122,11 +112,9 @@ class Uniform:
 
     @property
     def text(self) -> str:
-        """See `Prior`."""
         return f"from {self.low:.5g} to {self.high:.5g}"
 
     def bounds(self, place: str, lower: float, upper: float) -> tuple[float, float]:
-        """See `Prior`."""
         if not self.low < self.high:
             raise IdentificationError(place, f"{self.low:g} to {self.high:g} leaves no room", "let min < max")
         _within(place, "min", self.low, lower, upper)
@@ -134,15 +122,12 @@ class Uniform:
         return self.low, self.high
 
     def distance(self, value: float) -> float:
-        """See `Prior`."""
         return 0.0
 
     def slope(self, value: float) -> float:
-        """See `Prior`."""
         return 0.0
 
     def std(self, value: float) -> float:
-        """See `Prior`."""
         return (self.high - self.low) / math.sqrt(12)
 
 

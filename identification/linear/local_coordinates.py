@@ -18,6 +18,7 @@ from identification.linear.recursion import recursion
 from orchestrator.trace import BoolArray, FloatArray
 
 _NEGLIGIBLE = 1e-10
+_HORIZON = 200  # samples over which outputs are looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ def flattened(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> Flo
     return np.concatenate([a.ravel(), b.ravel(), c.ravel(), d.ravel()])
 
 
-def balanced_basis(model: LinearModel, inputs: Sequence[FloatArray], horizon: int = 200) -> FloatArray:
+def balanced_basis(model: LinearModel, inputs: Sequence[FloatArray]) -> FloatArray:
     """(n, n) basis in which the states under these inputs are as large as what they do to the outputs.
 
     The observability Gramian is over a finite horizon, so that integrating and unstable models have one.
@@ -77,7 +78,7 @@ def balanced_basis(model: LinearModel, inputs: Sequence[FloatArray], horizon: in
     if not np.isfinite(reach).all():
         return np.eye(model.order)
     reach += _NEGLIGIBLE * max(float(np.trace(reach)), 1e-300) * np.eye(model.order)
-    seen = recursion(model.a.T, np.zeros((horizon, *model.c.shape)), model.c)[0].reshape(-1, model.order)
+    seen = recursion(model.a.T, np.zeros((_HORIZON, *model.c.shape)), model.c)[0].reshape(-1, model.order)
     root = np.linalg.cholesky(reach)
     _, sizes, right = np.linalg.svd(seen @ root, full_matrices=False)
     sizes = np.maximum(sizes, _NEGLIGIBLE * sizes[0])

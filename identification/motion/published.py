@@ -22,10 +22,8 @@ def one_step_errors(motion: Motion, p: FloatArray, gain: float, target: float) -
     return np.asarray(invariant[1:] - np.exp(-p[2] * gain * np.diff(motion.action)) * invariant[:-1])
 
 
-def recalibrate_as_published(
-    motions: Sequence[Motion], gain: float, target: float, start: FloatArray, factor: float = FACTOR
-) -> FloatArray:
-    """(p1, p3, p4) that minimise Eq. 118, between 1/`factor` and `factor` times the `start` (3,).
+def recalibrate_as_published(motions: Sequence[Motion], gain: float, target: float, start: FloatArray) -> FloatArray:
+    """(p1, p3, p4) that minimise Eq. 118, between 1/`FACTOR` and `FACTOR` times the `start` (3,).
 
     With E* given the index is exactly zero for p1 = p3 = p4 = 0, too, and noise pulls towards that: the result is right
     for exact signals, for others it is on or near the lower bounds. No standard error is given as none would be right.
@@ -35,6 +33,5 @@ def recalibrate_as_published(
     def errors(q: FloatArray) -> FloatArray:
         return np.concatenate([one_step_errors(motion, start * q, gain, target) for motion in motions]) / target
 
-    bounds = (1 / factor, factor)
-    run = least_squares(errors, np.ones(3), bounds=bounds, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    run = least_squares(errors, np.ones(3), bounds=(1 / FACTOR, FACTOR), xtol=1e-14, ftol=1e-14, gtol=1e-14)
     return np.asarray(start * run.x)

@@ -24,7 +24,7 @@ from identification.resonance.log_gain import (
     fit_pendulum,
     gain_data,
 )
-from identification.resonance.resonance import GRAVITY, decibel, resonance_from_two_largest_as_published
+from identification.resonance.resonance import decibel, resonance_from_two_largest_as_published
 from identification.signals.frequency_response import FreeDecay, fit_sine, quadrature_amplitude
 from identification.signals.processing import (
     decimated,
@@ -128,7 +128,6 @@ def study_as_published(
     processing: Processing,
     bounds: AddedMassBounds,
     signal: str = "angle",
-    gravity: float = GRAVITY,
 ) -> ResonanceStudy:
     """Steps 1-4 by the thesis' scripts: mid-range centring, Eq. 71, Eq. 100 in dB, Eq. 102 with bounds.
 
@@ -143,18 +142,13 @@ def study_as_published(
         IdentificationError: too few experiments, or no convergence.
     """
     loads = tuple(_load_as_published(group, processing, signal) for group in _by_load(experiments))
-    fit = fit_damped(_resonances(loads, gravity), bounds)
+    fit = fit_damped(_resonances(loads), bounds)
     warnings = ["method as published: Eq. 100 is biased, the parameters only reproduce the thesis"]
     warnings += [f"{name} ended on its bound" for name in fit.at_bound]
     return ResonanceStudy("as published", loads, fit.parameters, fit, tuple(warnings))
 
 
-def study(
-    experiments: Sequence[Experiment],
-    window: float,
-    signal: str = "angle",
-    gravity: float = GRAVITY,
-) -> ResonanceStudy:
+def study(experiments: Sequence[Experiment], window: float, signal: str = "angle") -> ResonanceStudy:
     """Steps 1-4 corrected: sine fits over the last `window` [s], log|G| fits, p1..p4 from all masses at once.
 
     The free decay left of the transient is fitted along with the sines, at the frequency and rate that a
@@ -169,7 +163,7 @@ def study(
         IdentificationError: too few experiments, no convergence, or no resonance.
     """
     loads = tuple(_load(group, window, signal) for group in _by_load(experiments))
-    fit = fit_pendulum(_all_gains(loads), gravity)
+    fit = fit_pendulum(_all_gains(loads))
     return ResonanceStudy("corrected", loads, fit.parameters, fit, _model_warnings(fit))
 
 
@@ -210,12 +204,11 @@ def _by_load(experiments: Sequence[Experiment]) -> list[list[Experiment]]:
     return [list(group) for _, group in groupby(ordered, key=load)]
 
 
-def _resonances(loads: Sequence[LoadResult], gravity: float) -> Resonances:
+def _resonances(loads: Sequence[LoadResult]) -> Resonances:
     return resonances(
         [load.resonance.value for load in loads],
         [load.added_mass for load in loads],
         [load.added_length for load in loads],
-        gravity=gravity,
     )
 
 

@@ -224,25 +224,18 @@ class FrequencyPoint:
         return cmath.phase(self.response)
 
 
-def frequency_point(
-    time: ArrayLike,
-    driven: ArrayLike,
-    answer: ArrayLike,
-    frequency: float,
-    decay: FreeDecay | None = None,
-) -> FrequencyPoint:
+def frequency_point(time: ArrayLike, driven: ArrayLike, answer: ArrayLike, frequency: float) -> FrequencyPoint:
     """G(j frequency) from sine fits to input `driven` (K,) and output `answer` (K,): Eq. 68, with phase.
 
     Args:
         time: (K,) stamps, even or not [s].
         frequency: [rad/s].
-        decay: a transient to leave out of the output.
 
     Raises:
         IdentificationError: as `fit_sine`, or the input does not hold this frequency.
     """
     cause = fit_sine(time, driven, frequency)
-    effect = fit_sine(time, answer, frequency, decay=decay)
+    effect = fit_sine(time, answer, frequency)
     if cause.amplitude <= 3 * cause.amplitude_std or cause.amplitude == 0:
         raise IdentificationError(
             "frequency response",

@@ -21,7 +21,7 @@ from orchestrator.results import versions
 from orchestrator.scenario import accounts
 from orchestrator.scenario.diagram import source_of, wiring_of
 from orchestrator.scenario.expectations import Check, OnSignal
-from orchestrator.scenario.expectations.limits import Above, Below, Near
+from orchestrator.scenario.expectations.limits import Near, OneSided
 from orchestrator.scenario.expectations.reference import Against
 from orchestrator.scenario.expectations.stochastic import Often
 from orchestrator.scenario.run import CaseResult, CaseState, ScenarioResult
@@ -214,9 +214,9 @@ def _add_asked(
     stop = last if expected.before is None else min(expected.before, last)
     if not start < stop:  # the run ended before what was asked of it
         return
-    if isinstance(condition, Below | Above):
-        word = "below" if isinstance(condition, Below) else "above"
-        marks.append(ChartLine(float(condition.limit), "y", f"{word} {float(condition.limit):g}", (start, stop)))
+    if isinstance(condition, OneSided):
+        said = f"{condition.side} {float(condition.limit):g}"
+        marks.append(ChartLine(float(condition.limit), "y", said, (start, stop)))
     elif isinstance(condition, Near):
         time, target, within = np.array([start, stop]), np.full(2, float(condition.target)), float(condition.within)
         curves.append(Curve("target", time, target, tone="reference"))

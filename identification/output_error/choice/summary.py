@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NotRequired
 
@@ -10,6 +9,7 @@ from typing_extensions import TypedDict
 
 from identification.output_error.choice.choice import Choice, FittedCandidate
 from identification.output_error.choice.ranking import LEVEL, TELLING, Ranked
+from identification.results import finite
 from orchestrator.display.table import Cell
 
 FAILED = "failed"
@@ -104,15 +104,15 @@ def _candidate(choice: Choice, name: str, row: Ranked, least: Sequence[float]) -
     state = "chosen" if name == choice.chosen else "alike" if name in choice.ranking.alike else "apart"
     prediction: PredictionSummary | None = None
     if row.unseen is not None and row.worse is not None and row.scatter is not None:
-        prediction = {"error": row.unseen, "worse": row.worse, "scatter": _finite(row.scatter)}
+        prediction = {"error": row.unseen, "worse": row.worse, "scatter": finite(row.scatter)}
     return {
         "state": state,
         "remark": outcome.unsettled,
         "unknowns": outcome.unknowns,
-        "aicc": _finite(row.criteria.aicc - least[0]),
+        "aicc": finite(row.criteria.aicc - least[0]),
         "bic": row.criteria.bic - least[1],
-        "fitted": _finite(outcome.fitted),
-        "unseen": None if outcome.unseen is None else _finite(outcome.unseen),
+        "fitted": finite(outcome.fitted),
+        "unseen": None if outcome.unseen is None else finite(outcome.unseen),
         "prediction": prediction,
         "parameters": {known: _value(outcome, known) for known in outcome.values},
     }
@@ -122,13 +122,9 @@ def _value(outcome: FittedCandidate, name: str) -> CandidateValueSummary:
     std = outcome.std.get(name)
     return {
         "value": outcome.values[name],
-        "std": None if std is None else _finite(std),
+        "std": None if std is None else finite(std),
         "unit": outcome.units.get(name, "1"),
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def candidate_rows(choice: ChoiceSummary) -> tuple[list[str], list[list[Cell]]]:

@@ -29,7 +29,7 @@ LONGEST_NAME = 32
 _LARGEST = 1e30  # of bounds and nominal values
 _FINEST = 1e-30  # of resolutions, far from where numbers lose digits and end in 0
 _FINE = 1000  # steps that a nominal value has at least
-_RECEIVER = "Any"
+_SENDER, _RECEIVER = "Servotwin", "Any"
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Declared:
     sender: str = ""
 
 
-def generate(signals: Sequence[Declared], path: Path | None = None, fd: bool = False, sender: str = "Servotwin") -> str:
+def generate(signals: Sequence[Declared], path: Path | None = None, fd: bool = False) -> str:
     """The DBC text of these signals, also written to `path`; `fd` fills messages up to 64 bytes instead of 8.
 
     Raises:
@@ -61,7 +61,7 @@ def generate(signals: Sequence[Declared], path: Path | None = None, fd: bool = F
     names = signal_names([signal.name for signal in signals])
     for signal in signals:
         _check(signal)
-    loads = list(_loads(signals, LONGEST if fd else CLASSIC, sender))
+    loads = list(_loads(signals, LONGEST if fd else CLASSIC))
     if not loads or len(loads) > LAST_ID - FIRST_ID + 1:
         raise DatabaseError(
             "CAN database",
@@ -118,11 +118,11 @@ def _check(signal: Declared) -> None:
         raise DatabaseError(f"signal {signal.name}", f"has a period of {signal.every:g} s", "use 10 us to 65 s")
 
 
-def _loads(signals: Sequence[Declared], size: int, sender: str) -> Iterator[_Load]:
+def _loads(signals: Sequence[Declared], size: int) -> Iterator[_Load]:
     """The messages, the fastest first."""
 
     def key(signal: Declared) -> tuple[float, str]:
-        return math.inf if signal.every is None else signal.every, _plain(signal.sender or sender)
+        return math.inf if signal.every is None else signal.every, _plain(signal.sender or _SENDER)
 
     for (_, node), group in groupby(sorted(signals, key=key), key):
         waiting: list[Declared] = []

@@ -18,18 +18,29 @@ from orchestrator.yaml_file import Block, Time
 
 
 @dataclass(frozen=True)
-class Below(Condition):
-    """Every sample lies below the limit [unit of the signal]."""
+class OneSided(Condition):
+    """Every sample lies on one side of a limit [unit of the signal].
 
+    Attributes:
+        side: in a word.
+    """
+
+    side: ClassVar[str]
     takes_nonfinite: ClassVar[bool] = True
     limit: Number
     unit: str = ""
 
     def __str__(self) -> str:
-        return f"stays below {shown(self.limit, self.unit)}"
+        return f"stays {self.side} {shown(self.limit, self.unit)}"
 
     def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
         return replace(self, limit=port.number(place, self.limit), unit=port.unit or "")
+
+
+class Below(OneSided):
+    """Every sample lies below the limit."""
+
+    side = "below"
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         largest, limit = float(values.max()), float(self.limit)
@@ -39,19 +50,10 @@ class Below(Condition):
         return np.full_like(time, -np.inf), np.full_like(time, float(self.limit))
 
 
-@dataclass(frozen=True)
-class Above(Condition):
-    """Every sample lies above the limit [unit of the signal]."""
+class Above(OneSided):
+    """Every sample lies above the limit."""
 
-    takes_nonfinite: ClassVar[bool] = True
-    limit: Number
-    unit: str = ""
-
-    def __str__(self) -> str:
-        return f"stays above {shown(self.limit, self.unit)}"
-
-    def brought(self, place: str, port: Port, wiring: ExpectationScope) -> Self:
-        return replace(self, limit=port.number(place, self.limit), unit=port.unit or "")
+    side = "above"
 
     def judged(self, time: FloatArray, values: FloatArray, hold: bool, draws: Sequence[Trace]) -> Judgement:
         smallest, limit = float(values.min()), float(self.limit)

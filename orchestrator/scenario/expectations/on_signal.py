@@ -24,22 +24,12 @@ from orchestrator.scenario.expectations.base import (
 from orchestrator.trace import FloatArray, Trace
 
 
-@dataclass(frozen=True)
-class OnSignal(Expected):
-    """A condition on one recorded variable between two times [s]; None is the run's begin or end.
-
-    Attributes:
-        hold: whether it keeps each value until its next sample.
-    """
+class OfSignal(Expected):
+    """Asks something of one recorded variable between two times [s]; None is the run's begin or end."""
 
     signal: str
-    condition: Condition
-    after: float | None = None
-    before: float | None = None
-    hold: bool = False
-
-    def __str__(self) -> str:
-        return " ".join([self.signal, str(self.condition), *_between(self.after, self.before)])
+    after: float | None
+    before: float | None
 
     @property
     def place(self) -> str:
@@ -54,10 +44,49 @@ class OnSignal(Expected):
     def until(self) -> float:
         return np.inf if self.before is None else self.before
 
+    def window(self, trace: Trace) -> Trace:
+        """The samples that it looks at.
+
+        Raises:
+            ScenarioError: there are none.
+            TraceError: the signal was not recorded.
+        """
+        start = trace.time[0] if self.after is None else self.after
+        stop = trace.time[-1] if self.before is None else self.before
+        window = trace.select([self.signal]).between(start, stop)
+        if not len(window):
+            problem = f"there is no sample from {start:g} to {stop:g} s"
+            raise ScenarioError(self.place, problem, "correct `after` and `before`")
+        return window
+
+    def said(self, what: str) -> str:
+        """The whole in words, from what is asked."""
+        times = {"after": self.after, "before": self.before}
+        between = [f"{word} {time:g} s" for word, time in times.items() if time is not None]
+        return " ".join([self.signal, what, *between])
+
+
+@dataclass(frozen=True)
+class OnSignal(OfSignal):
+    """A condition on one recorded variable between two times [s]; None is the run's begin or end.
+
+    Attributes:
+        hold: whether it keeps each value until its next sample.
+    """
+
+    signal: str
+    condition: Condition
+    after: float | None = None
+    before: float | None = None
+    hold: bool = False
+
+    def __str__(self) -> str:
+        return self.said(str(self.condition))
+
     @property
     def asked(self) -> Times:
         """Between which times it looks at samples [s]."""
-        return (-np.inf if self.after is None else self.after, np.inf if self.before is None else self.before)
+        return (-np.inf if self.after is None else self.after, self.until)
 
     @property
     def drawn(self) -> tuple[tuple[str, Draws], ...]:
@@ -109,15 +138,6 @@ class OnSignal(Expected):
         tube = self.condition.tube(time, self.hold, self._draws(draws))
         return None if tube is None else (time, tube)
 
-    def window(self, trace: Trace) -> Trace:
-        """The samples that it looks at.
-
-        Raises:
-            ScenarioError: there are none.
-            TraceError: the signal was not recorded.
-        """
-        return _window(trace, self.signal, self.after, self.before, self.place)
-
     def _draws(self, drawn: DrawnTraces) -> list[Trace]:
         """Its window of the runs with other noise that it wants to see."""
         wanted = self.condition.draws
@@ -132,7 +152,7 @@ class OnSignal(Expected):
 
 
 @dataclass(frozen=True)
-class Says(Expected):
+class Says(OfSignal):
     """Every sample of a text between two times [s] is one of these; None is the run's begin or end."""
 
     signal: str
@@ -141,21 +161,7 @@ class Says(Expected):
     before: float | None = None
 
     def __str__(self) -> str:
-        said = f"says {' or '.join(map(repr, self.words))}"
-        return " ".join([self.signal, said, *_between(self.after, self.before)])
-
-    @property
-    def place(self) -> str:
-        """What messages name."""
-        return f"expect {self.signal}"
-
-    @property
-    def signals(self) -> tuple[str, ...]:
-        return (self.signal,)
-
-    @property
-    def until(self) -> float:
-        return np.inf if self.before is None else self.before
+        return self.said(f"says {' or '.join(map(repr, self.words))}")
 
     def brought(self, wiring: ExpectationScope) -> Self:
         port = wiring.port(self.signal, self.place)
@@ -167,23 +173,9 @@ class Says(Expected):
     def check(self, ran: Ran) -> Check:
         if ran.trace is None:
             return Check(str(self), False, str(ran.error))
-        window = _window(ran.trace, self.signal, self.after, self.before, self.place)
+        window = self.window(ran.trace)
         right = [number for number, text in enumerate(window.texts[self.signal]) if text in self.words]
         odd = np.flatnonzero(~np.isin(window[self.signal], right))
         row = int(odd[0]) if len(odd) else len(window) - 1
         (said,) = window.rows(slice(row, row + 1)).words(self.signal)
         return Check(str(self), not len(odd), f"{said!r} at {window.time[row]:g} s")
-
-
-def _between(after: float | None, before: float | None) -> list[str]:
-    times = {"after": after, "before": before}
-    return [f"{word} {time:g} s" for word, time in times.items() if time is not None]
-
-
-def _window(trace: Trace, signal: str, after: float | None, before: float | None, place: str) -> Trace:
-    start = trace.time[0] if after is None else after
-    stop = trace.time[-1] if before is None else before
-    window = trace.select([signal]).between(start, stop)
-    if not len(window):
-        raise ScenarioError(place, f"there is no sample from {start:g} to {stop:g} s", "correct `after` and `before`")
-    return window

@@ -29,7 +29,7 @@ from orchestrator.batch.sweep.runs.systems import Wired, wired
 from orchestrator.rational import multiples, seconds
 from orchestrator.scenario.expectations import Expected, OnSignal
 from orchestrator.scenario.expectations.figure import Figure
-from orchestrator.scenario.expectations.limits import Above, Below, Near, Range
+from orchestrator.scenario.expectations.limits import Near, OneSided, Range
 from orchestrator.scenario.expectations.reference import Follows
 from orchestrator.scenario.scenario import Case
 from orchestrator.settable import settable
@@ -148,7 +148,7 @@ def _unit(expected: Expected, system: Wired) -> str:
     unit = system.system.port(Endpoint.parse(expected.signal)).unit or ""
     if isinstance(expected.condition, Figure):
         return expected.condition.dimension.written(unit)
-    return unit if isinstance(expected.condition, Above | Below | Near | Range | Follows) else ""
+    return unit if isinstance(expected.condition, OneSided | Near | Range | Follows) else ""
 
 
 def _kept(block: SweepBlock, file: Path, system: Wired) -> Kept | None:
