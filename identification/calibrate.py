@@ -169,11 +169,7 @@ def design(study: Study | str | Path, progress: Progress = silent) -> Calibrated
 
 
 def _loaded(study: Study | str | Path, command: str) -> Study:
-    """The study, which is one for this command.
-
-    Raises:
-        ScenarioError: it is for another.
-    """
+    """The study, which is one for this command."""
     known = study if isinstance(study, Study) else load_study(study)
     if known.method.command != command:
         problem = f"is a study of the method '{known.block.method}'"

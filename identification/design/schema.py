@@ -283,11 +283,7 @@ class ExperimentDesignBlock(StudyBlock):
 
 
 def _known(folder: Path, parameters: ParameterSet) -> FloatArray:
-    """(n, n) the information behind the covariance in a result's summary, in z; 0 of what it does not determine.
-
-    Raises:
-        IdentificationError: it has none.
-    """
+    """(n, n) the information behind the covariance in a result's summary, in z; 0 of what it does not determine."""
     found = covariance_in(folder)
     if found is None:
         raise IdentificationError(folder, "has no covariance", "give the result of an output-error study")

@@ -140,11 +140,7 @@ def _simulate(scenario: Path, isolation: Isolation | None) -> list[StudyTrace]:
 
 
 def _wanted(study: ExperimentsBlock, found: list[StudyTrace]) -> list[StudyTrace]:
-    """Those that are data sets, by name.
-
-    Raises:
-        ScenarioError: one is missing.
-    """
+    """Those that are data sets, by name."""
     missing = sorted(set(study.sets) - {recording.trace.name for recording in found})
     if missing:
         raise ScenarioError(f"sets.{missing[0]}", "no scenario or file has this name", "correct `scenarios`, or --data")

@@ -79,11 +79,7 @@ def linearise(
 
 
 def _case(whole: Scenario, name: str | None) -> tuple[Scenario, Case]:
-    """A case, by default the first, and the scenario with the system that it has.
-
-    Raises:
-        ScenarioError: there is none of that name.
-    """
+    """A case, by default the first, and the scenario with the system that it has."""
     for scenario in whole.by_system():
         for case in scenario.cases:
             if name in (None, case.name):
@@ -150,11 +146,7 @@ def _joined(
 
 
 def _period(parts: Parts, timing: Timing, point: OperatingPoint) -> float:
-    """Over which the model goes: the sample period, or the run's step where nothing samples [s].
-
-    Raises:
-        IdentificationError: there are several, or the point is no instant of it.
-    """
+    """Over which the model goes: the sample period, or the run's step where nothing samples [s]."""
     periods = parts.periods
     if not periods:
         return float(timing.step)

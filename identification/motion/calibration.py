@@ -227,11 +227,7 @@ def _generic(system: System, values: Mapping[str, object], lumped: Lumped, names
 
 
 def _orbit(study: MotionStudy, system: System, values: Mapping[str, object]) -> Orbit | None:
-    """What the controller is set to.
-
-    Raises:
-        IdentificationError: it asks for the energy of an equilibrium.
-    """
+    """What the controller is set to."""
     if study.controller is None:
         return None
     names: tuple[Lumped, ...] = ("p1", "p2", "p3", "p4")

@@ -127,11 +127,7 @@ def _start(motion: Motion) -> FloatArray:
 
 
 def _fit(motion: Motion, start: FloatArray) -> _Fit:
-    """Newton's method on the corrected score of least squares: without what noise adds to it on average.
-
-    Raises:
-        IdentificationError: it does not settle, or the offset cannot be told from zero.
-    """
+    """Newton's method on the corrected score of least squares: without what noise adds to it on average."""
     values, variances, dof = start, np.zeros(2), len(motion.time) - 4
     for _ in range(PASSES):
         line = _linearised(motion, values, variances)

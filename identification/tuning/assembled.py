@@ -132,11 +132,7 @@ def sample_time(spec: ComponentSpec) -> Fraction:
 
 
 def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
-    """Draws of the plants that have a spread, by names of their own: every second one is for the search.
-
-    Raises:
-        IdentificationError: draws are asked for, and no plant has a spread.
-    """
+    """Draws of the plants that have a spread, by names of their own: every second one is for the search."""
     if study.draws is None:
         return {}
     rng = np.random.default_rng(study.draws.seed)

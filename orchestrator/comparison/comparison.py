@@ -174,11 +174,7 @@ def _unheld(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[str]:
 
 
 def _alike(one: Trace, other: Trace) -> tuple[Trace, Trace]:
-    """Both with the same numbers for the same texts.
-
-    Raises:
-        TraceError: what is text in one of them is a number in the other.
-    """
+    """Both with the same numbers for the same texts."""
     if odd := sorted(one.texts.keys() ^ other.texts.keys()):
         text = one if odd[0] in one.texts else other
         raise TraceError(f"{text.name}.{odd[0]}", "is text in one of the two and a number in the other")

@@ -193,11 +193,7 @@ def _check_finite(run: Trace, place: str) -> None:
 
 
 def _old(file: Path, scenario: Path) -> tuple[Trace | None, str]:
-    """The reference that is there, or why there is none that is fit.
-
-    Raises:
-        TraceError: what is there is not ours to replace.
-    """
+    """The reference that is there, or why there is none that is fit."""
     if not file.exists():
         return None, ""
     if references.provenance(file) is None:

@@ -40,9 +40,6 @@ def _propagate(engine: Stepper, loop: Loop, cycles: CycleSettings) -> None:
     """Pass outputs to inputs during initialisation until nothing changes.
 
     A chain of n components is through after n passes; a circle of direct feed-through may need more.
-
-    Raises:
-        FmuError: a circle whose values do not settle.
     """
     nodes, before = loop.nodes, engine.pass_on(writing=True)
     for turn in range(1, len(nodes) + 1 + cycles.limit):

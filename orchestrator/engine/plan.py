@@ -139,11 +139,7 @@ def _predecessors(system: System, instant: Mapping[str, frozenset[str]]) -> dict
 def _check_clocks(
     system: System, jacobi: bool, groups: Sequence[tuple[str, ...]], steps: Mapping[str, Fraction]
 ) -> None:
-    """See that every tick comes in time to who it is for.
-
-    Raises:
-        WiringError: all step at once, the ticks run in a circle, or who is ticked steps ahead of who ticks.
-    """
+    """See that every tick comes in time to who it is for."""
     for link in system.clocks:
         one, other = link.source.component, link.target.component
         if jacobi:
@@ -161,11 +157,7 @@ def _check_clocks(
 
 
 def _check_texts(system: System, groups: Sequence[tuple[str, ...]]) -> None:
-    """See that no text runs in a circle that is iterated.
-
-    Raises:
-        WiringError: one does.
-    """
+    """See that no text runs in a circle that is iterated."""
     for link in system.texts:
         if any(len(group) > 1 and {link.source.component, link.target.component} <= {*group} for group in groups):
             fix = "set `feed_through: none` for a component with dynamics"
@@ -173,11 +165,7 @@ def _check_texts(system: System, groups: Sequence[tuple[str, ...]]) -> None:
 
 
 def _check_iterated(system: System, steps: Mapping[str, Fraction], step: Fraction) -> None:
-    """See that all components can take a step of the run's length, and take it back.
-
-    Raises:
-        WiringError: one has a step of its own, cannot go back, or ticks another.
-    """
+    """See that all components can take a step of the run's length, and take it back."""
     if carrying := next((name for name, part in system.parts.items() if part.carries), None):
         problem = "carries frames, which are not taken back, and iterated steps are"
         raise WiringError(carrying, problem, "remove `order: iterated`")

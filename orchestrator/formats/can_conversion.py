@@ -151,11 +151,7 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
 
 
 def _of_one_bus(layout: Layout) -> Database:
-    """The databases that frames are made with.
-
-    Raises:
-        DatabaseError: they are of several channels, or cannot be read.
-    """
+    """The databases that frames are made with."""
     assert layout.database is not None
     read = load_all(layout.database, layout.encoding)
     if read.own or read.everywhere is None:

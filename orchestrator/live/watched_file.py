@@ -87,11 +87,7 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 
 
 def _lines(path: Path) -> list[str]:
-    """Its lines.
-
-    Raises:
-        InputError: it cannot be read, is too large or no text.
-    """
+    """Its lines."""
     try:
         with path.open("rb") as file:
             content = file.read(LARGEST + 1)

@@ -195,9 +195,6 @@ def _without_main(make: Callable[[], Any] | None = None) -> Iterator[None]:
     """A process started here does not run the main script again, unless it makes what is defined there.
 
     A script that does not keep its work under `if __name__ == "__main__"` would start processes without end.
-
-    Raises:
-        InputError: it makes what is defined in a script that does not, or in a notebook.
     """
     main = sys.modules["__main__"]
     if b"__main__" not in pickle.dumps(make):

@@ -173,9 +173,6 @@ def _packed(places: list[tuple[Any, Any]], base: Path, folders: Mapping[str, str
 
     Args:
         folders: suffix -> folder of files that end so; the others go into `files`.
-
-    Raises:
-        InputError: one is not there.
     """
     contents: dict[str, bytes] = {}
     names: dict[Path, str] = {}

@@ -81,11 +81,7 @@ def build(fused: Fused, folder: Path, fmi: int = 2, platforms: Sequence[str] = (
 
 
 def _refuse(file: Path, scenario: Scenario) -> None:
-    """See that a system can be fused at all.
-
-    Raises:
-        InputError: it cannot; the message says which component, and what to do.
-    """
+    """See that a system can be fused at all."""
     if not compiler.available():
         raise InputError(file, "needs a C compiler to become one FMU", f"install one, or {_INSTEAD}")
     for block in ("can", "buses"):
@@ -207,11 +203,7 @@ def _shown(scenario: Scenario, system: System, parts: Mapping[str, SystemPart]) 
 
 
 def _exposed(parts: Mapping[str, SystemPart], expose: Sequence[str]) -> tuple[str, ...]:
-    """The parameters that are shown, arrays whole.
-
-    Raises:
-        WiringError: a name or pattern matches none.
-    """
+    """The parameters that are shown, arrays whole."""
     known = [f"{name}.{parameter}" for name, part in parts.items() for parameter in part.parameters]
     if not expose:
         return tuple(known)

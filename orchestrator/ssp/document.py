@@ -107,11 +107,7 @@ class _Importing:
         return f"{self.names[node[0]]}.{node[1]}"
 
     def _port(self, node: Node, place: str) -> Port:
-        """The variable of a component's connector; of an array its first element.
-
-        Raises:
-            WiringError: there is none.
-        """
+        """The variable of a component's connector; of an array its first element."""
         path, name = node
         found = self._found(node)
         if found is None:

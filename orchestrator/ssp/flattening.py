@@ -139,11 +139,7 @@ def _gather(flat: FlatSystem, path: Path, system: SystemElement, units: Mapping[
 
 
 def _node(end: tuple[str, str], path: Path, system: SystemElement, scopes: Scopes, place: str) -> Node:
-    """The node at an end of a connection.
-
-    Raises:
-        WiringError: there is no such element or connector.
-    """
+    """The node at an end of a connection."""
     name, connector = end
     element = system.elements.get(name) if name else system
     if element is None:

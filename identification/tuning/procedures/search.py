@@ -91,11 +91,7 @@ class Search:
 
 
 def _port(interface: Interface, name: str) -> Port:
-    """A real parameter of the controller.
-
-    Raises:
-        IdentificationError: there is none of this name.
-    """
+    """A real parameter of the controller."""
     port = interface.ports.get(name)
     if port is None or port.causality != "parameter" or not port.real:
         known = ", ".join(p.name for p in interface.of("parameter") if p.real and p.array is None)

@@ -149,11 +149,7 @@ class _Loop:
 
     @classmethod
     def of(cls, name: str, model: LinearModel, problem: TuningProblem) -> _Loop:
-        """The plant of this name.
-
-        Raises:
-            IdentificationError: there are several commands, or a mode that they do not reach or that is not seen.
-        """
+        """The plant of this name."""
         wiring = problem.wiring
         commands, targets = ({getattr(path, end) for path in wiring.commanded} for end in ("source", "target"))
         if len(commands) != 1 or len(targets) != 1:
@@ -168,11 +164,7 @@ class _Loop:
         return cls(model, b, c, model.c[wiring.tracked], model.inputs[targets.pop()], sensors)
 
     def require_size(self, interface: Interface) -> None:
-        """See that the controller's arrays are of the plant's order and have a row for what is connected.
-
-        Raises:
-            IdentificationError: they are not.
-        """
+        """See that the controller's arrays are of the plant's order and have a row for what is connected."""
         n, p = self.model.order, len(self.c)
         found, rows = interface.shape("A") or (), interface.shape("C") or ()
         if found[:1] != (n,):
@@ -193,11 +185,7 @@ class _Loop:
 
 
 def _stabilising(place: str, gains: Gains, a: FloatArray, b: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
-    """The gains by these weights.
-
-    Raises:
-        IdentificationError: there are none that make everything fade.
-    """
+    """The gains by these weights."""
     fix = "weight all modes that hardly fade, and scale the states alike"
     try:
         found = gains(a, b, q, r)

@@ -300,11 +300,7 @@ class _Sender:
             self._done.last, self._done.dropped = self._last.sent, self._last.dropped
 
     def check(self) -> None:
-        """See how the buses take it; what else is received is of no interest.
-
-        Raises:
-            BusError: an adapter has left its bus, is gone, or refuses all frames.
-        """
+        """See how the buses take it; what else is received is of no interest."""
         flows = [flow for channel in self._channels if (flow := getattr(channel.bus, "flow", None))]
         self._done.refused = sum(flow.refused for flow in flows)
         for number, channel in enumerate(self._channels):

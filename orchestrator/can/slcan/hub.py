@@ -208,11 +208,7 @@ def _pseudo_terminal() -> tuple[int, int, str]:
 
 
 def _taken(folder: Path) -> int:
-    """Make the folder this hub's own, for as long as what is returned stays open.
-
-    Raises:
-        InputError: another hub has it, or it cannot be made.
-    """
+    """Make the folder this hub's own, for as long as what is returned stays open."""
     if sys.platform == "win32":
         raise InputError(folder, "cannot hold serial ports on Windows", "work under WSL, or with real adapters")
     try:
@@ -302,12 +298,7 @@ class Hub:
 
 
 def _answer(answers: IO[str], patience: float, process: subprocess.Popen[str]) -> str:
-    """The hub's next line, a document.
-
-    Raises:
-        BusError: it gave none in time.
-        InputError: it refuses the folder.
-    """
+    """The hub's next line, a document."""
     line = answers.readline() if select.select([answers], [], [], patience)[0] else ""
     if not line:
         raise BusError("slcan hub", f"gives no answer (process {process.pid})", "see what it said before")

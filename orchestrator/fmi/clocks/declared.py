@@ -135,11 +135,7 @@ def _clock(place: str, variable: Any) -> Clock:
 
 
 def _length(place: str, variable: Any, what: str) -> Fraction | None:
-    """An interval or a shift [s], as a decimal or as a counter of the resolution; None where neither is there.
-
-    Raises:
-        FmuFileError: both are there and differ, a counter has no resolution, or one is no number.
-    """
+    """An interval or a shift [s], as a decimal or as a counter of the resolution; None where neither is there."""
     decimal, counter = getattr(variable, f"{what}Decimal"), getattr(variable, f"{what}Counter")
     lengths = [] if decimal is None else [_exact(place, decimal, f"{what}Decimal")]
     if counter is not None and (what == "interval" or counter != "0"):

@@ -83,11 +83,7 @@ def read_text(file: BinaryIO, layout: Layout, path: Path) -> Recording:
 
 
 def _first_lines(file: BinaryIO, encoding: str | None, path: Path) -> tuple[list[str], str]:
-    """The first lines of a file, whole ones only, and its encoding: the one that is said, else what it looks like.
-
-    Raises:
-        TraceError: no such encoding, or the bytes are none of it, or may be of several; a line that is too long.
-    """
+    """The first lines of a file, whole ones only, and its encoding: the one that is said, else what it looks like."""
     raw = file.read(SAMPLE + 1)
     file.seek(0)
     whole = len(raw) <= SAMPLE

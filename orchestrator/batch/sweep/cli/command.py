@@ -71,11 +71,7 @@ def sweep(
 
 
 def _refuse(options: Mapping[str, object], problem: str, fix: str) -> None:
-    """See that none of these options is given.
-
-    Raises:
-        InputError: one is.
-    """
+    """See that none of these options is given."""
     for name, value in options.items():
         if value is not None:
             raise InputError(name, problem, fix)

@@ -245,11 +245,7 @@ def _check_answers(place: str, address: str, patience: float) -> None:
 
 @contextmanager
 def _connected(address: str, patience: float) -> Iterator[Client]:
-    """A client of the scheduler at an address.
-
-    Raises:
-        InputError: none answers there within the patience [s], or Dask is not installed.
-    """
+    """A client of the scheduler at an address."""
     place = f"--scheduler {address}"
     try:
         from distributed import Client  # noqa: PLC0415 (an extra)

@@ -63,11 +63,7 @@ def _start(first: float) -> float:
 
 
 def _objects(frames: Frames, start: float) -> bytes:
-    """The frames' objects in a row.
-
-    Raises:
-        ValueError: stamps that are too far from the start.
-    """
+    """The frames' objects in a row."""
     if not np.all(np.abs(frames.time - start) < LONGEST_SPAN):
         raise ValueError("centuries apart")
     error, fd = frames.has(Flag.ERROR), frames.has(Flag.FD)

@@ -124,11 +124,7 @@ def _opened(path: Path, findings: Findings) -> Any:
 
 
 def _refuse_measurement(mdf: Any, path: Path) -> None:
-    """Say so where a file without groups of frames holds something else.
-
-    Raises:
-        TraceError: it does.
-    """
+    """Say so where a file without groups of frames holds something else."""
     masters = mdf.masters_db
     measured = sum(len(group.channels) - (number in masters) for number, group in enumerate(mdf.groups))
     if measured and not any(channel.name in KINDS for group in mdf.groups for channel in group.channels):
