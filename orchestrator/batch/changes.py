@@ -24,7 +24,6 @@ class Changes:
     """
 
     root: Path
-    revision: str
     files: frozenset[Path]
 
     def touching(self, file: Path) -> list[Path]:
@@ -65,7 +64,7 @@ def changes(revision: str, folder: Path) -> Changes:
     commit = _git(root, revision, "rev-parse", "--verify", "--end-of-options", f"{revision}^{{commit}}").strip()
     differ = _git(root, revision, "diff", "--name-only", "-z", "--no-renames", commit, "--")
     new = _git(root, revision, "ls-files", "-z", "--others")
-    return Changes(root, revision, frozenset(_resolved(root, [*differ.split("\0"), *new.split("\0")])))
+    return Changes(root, frozenset(_resolved(root, [*differ.split("\0"), *new.split("\0")])))
 
 
 def _resolved(root: Path, names: Iterable[str]) -> Iterable[Path]:

@@ -21,10 +21,6 @@ T = TypeVar("T")
 
 app = typer.Typer(no_args_is_help=True, help="Record a CAN bus, play back onto it, couple systems to it.")
 
-BusInterface = Annotated[
-    str, typer.Option("--interface", help="python-can's name: socketcan, pcan, kvaser, slcan, ...")
-]
-Channel = Annotated[str, typer.Option("--channel", help="What the interface calls the bus: can0, a serial port, ...")]
 Interfaces = Annotated[
     list[str], typer.Option("--interface", help="python-can's name: socketcan, slcan, ...; one, or for each channel.")
 ]
@@ -62,10 +58,6 @@ class Adapter:
     option: Annotated[
         list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="For this interface only; repeatable.")
     ] = None
-
-    def bus(self, interface: str, channel: str) -> BusSettings:
-        """The bus behind it."""
-        return self.buses([interface], [channel])[0]
 
     def buses(self, interfaces: Sequence[str], channels: Sequence[str]) -> tuple[BusSettings, ...]:
         """The bus behind each channel.
