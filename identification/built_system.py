@@ -11,9 +11,10 @@ from pathlib import Path
 from fmus import library
 from fmus.modelling.model import start_values
 from identification.method import CalibratedFmu
-from orchestrator.assembly.assembly import SystemSpec, assemble, component_values
+from orchestrator.assembly.assembly import SystemSpec, assemble
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.interface import Port, Value
+from orchestrator.system import component_values
 
 
 class BuiltSystem:

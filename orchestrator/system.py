@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal
+from typing import Literal, TypeVar
 
 from fmus.errors import WiringError
 from fmus.modelling.model import element_names
@@ -14,7 +14,19 @@ from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Interface, Port
 
 FeedThrough = Literal["declared", "none", "all"]
+T = TypeVar("T")
 REAL = ("Real", "Float64", "Float32")
+
+
+def component_values(component: str, values: Mapping[str, T]) -> dict[str, T]:
+    """variable -> value, of those of one component out of component.variable -> value."""
+    prefix = f"{component}."
+    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
+
+
+def dotted_values(component: str, values: Mapping[str, T]) -> dict[str, T]:
+    """component.variable -> value, of a component's variable -> value."""
+    return {f"{component}.{name}": value for name, value in values.items()}
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
 from orchestrator.settable import typed
 from orchestrator.solvers.base import SolverSettings
-from orchestrator.system import Connection, Endpoint, System
+from orchestrator.system import Connection, Endpoint, System, component_values
 
 STEP = Fraction(1, 100)  # of an FMU that says none [s]
 
@@ -109,7 +109,7 @@ def _parts(
 ) -> Parts:
     found = Parts()
     for name, spec in system.components.items():
-        own = {key.partition(".")[2]: value for key, value in values.items() if key.partition(".")[0] == name}
+        own = component_values(name, values)
         found.add(name, spec, files[name], {**spec.parameters, **own}, point)
     return found
 

@@ -18,6 +18,7 @@ from orchestrator.results import CaseDocument
 from orchestrator.scenario.results import document_of_check
 from orchestrator.scenario.run import ScenarioResult, run_scenario
 from orchestrator.scenario.schema import load_scenario
+from orchestrator.system import dotted_values
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Rig:
                 fmus, given = {}, dict(found)
             elif target not in write_back(controller.source, controller.values, target):
                 fmus, given = {self.component: controller.source}, dict(controller.values)
-            values = {**{f"{self.component}.{name}": value for name, value in given.items()}, **self.values}
+            values = {**dotted_values(self.component, given), **self.values}
             scenario = load_scenario(self.scenario, references=False, fmus=fmus).without_accepted()
             return run_scenario(scenario, values, progress, isolation=isolation, going_on=True)
 

@@ -171,12 +171,6 @@ def _built(name: str, component: ComponentSpec, folder: Path, target: str | None
     return targets.build(model_of(component), folder / f"{name}.fmu", target=target, tables=tables)
 
 
-def component_values(component: str, values: Mapping[str, Value]) -> dict[str, Value]:
-    """variable -> value, of one component."""
-    prefix = f"{component}."
-    return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
-
-
 def model_of(component: ComponentSpec) -> Model:
     """The model of a component that is given as one, of the size of its arrays.
 

@@ -22,7 +22,7 @@ from orchestrator.ssp.annotations import kept
 from orchestrator.ssp.names import Version
 from orchestrator.ssp.outline import Outline, Times, Tool
 from orchestrator.ssp.writing import write
-from orchestrator.system import Part, System
+from orchestrator.system import Part, System, component_values
 from orchestrator.wiring import wire
 from orchestrator.yaml_file import joined, text_of
 
@@ -116,8 +116,7 @@ def _with_defaults(outline: Outline, folder: Path) -> Outline:
     value from an SSP then have it all the same."""
     files = dict(outline.files)
     for name, file in outline.files.items():
-        start = f"{name}."
-        own = {key.removeprefix(start): value for key, value in outline.values.items() if key.startswith(start)}
+        own = component_values(name, outline.values)
         if own and FmuDescription(file).is_ours:
             files[name] = folder / "defaults" / f"{name}.fmu"
             write_back(file, own, files[name])

@@ -16,7 +16,7 @@ from fmus.packaging import targets
 from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedPart, FusedSystem, SystemPart, Wire
 from fmus.words import nearest
-from orchestrator.assembly.assembly import OpenSystem, assemble, component_values, model_of
+from orchestrator.assembly.assembly import OpenSystem, assemble, model_of
 from orchestrator.engine.plan import Order, Plan, make_plan
 from orchestrator.fmi.file import FmuFile, FmuKind
 from orchestrator.fmi.interface import Value
@@ -26,7 +26,7 @@ from orchestrator.scenario.nesting import Role, check_links, nested, remarks
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.settable import check_values, typed
-from orchestrator.system import Endpoint, System
+from orchestrator.system import Endpoint, System, component_values
 
 _INSTEAD = "export it with `servotwin ssp export`, which takes any FMU"
 

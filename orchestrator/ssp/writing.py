@@ -23,7 +23,7 @@ from orchestrator.ssp.annotations import ROOT, SYSTEM
 from orchestrator.ssp.names import FMU, SSC, SSD, Version
 from orchestrator.ssp.outline import Outline, Tool
 from orchestrator.ssp.variables import ConnectorVariable, clock_attributes, indexed, set_values, type_name, variables
-from orchestrator.system import Connection, Endpoint
+from orchestrator.system import Connection, Endpoint, component_values
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -163,9 +163,7 @@ class _Writing:
         given = {**self.outline.values}
         if not self.tool.joins_system:
             given |= {name: value for name, value in self.outline.driven.items() if value is not None}
-        own = {
-            name.removeprefix(f"{component}."): value for name, value in given.items() if _split(name)[0] == component
-        }
+        own = component_values(component, given)
         taken = {key: value for key, value in own.items() if self.tool.knows_items or not interface.ports[key].items}
         starts = FmuDescription(self.outline.files[component]).interface.ports
         for name in own if not self.tool.sets_values else own.keys() - taken.keys():
@@ -322,11 +320,6 @@ def _annotation(parent: ET.Element, kind: str, tag: str) -> ET.Element:
 def _outer(name: str) -> str:
     """Name of the connector of the system for a component's variable."""
     return name.replace(".", "_", 1)
-
-
-def _split(name: str) -> tuple[str, str]:
-    component, _, variable = name.partition(".")
-    return component, variable
 
 
 def _by_name(ports: Mapping[str, Port]) -> dict[str, Port]:

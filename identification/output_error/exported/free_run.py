@@ -19,10 +19,11 @@ from identification.output_error.exported.latencies import Latency, latencies
 from identification.output_error.times.delays import Estimated
 from identification.output_error.windows import FreeRunWindow
 from orchestrator import formats
-from orchestrator.assembly.assembly import ComponentSpec, component_values
+from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.interface import Value
 from orchestrator.rational import written
 from orchestrator.scenario.exchange import export
+from orchestrator.system import component_values
 from orchestrator.trace import FloatArray, Trace
 from orchestrator.yaml_file import text_of
 

@@ -18,7 +18,7 @@ from orchestrator.scenario.scenario import Case, Scenario
 from orchestrator.scenario.schema import load_scenario
 from orchestrator.scenario.units import in_units_of
 from orchestrator.settable import typed
-from orchestrator.system import Endpoint, System
+from orchestrator.system import Endpoint, System, dotted_values
 from orchestrator.trace import Trace
 
 
@@ -55,12 +55,12 @@ class SimulatedLoop:
         self.system: System = opened.system
         self.duration = float(scenario.timing.stop - scenario.timing.start)
         self._simulation: Simulation = opened.simulation(scenario.timing, isolation)
-        weakref.finalize(self, _freed, self._simulation, opened)
+        weakref.finalize(self, opened.close)  # and the simulation with it
         scenario, _ = in_units_of(opened.system, replace(scenario, cases=(replace(case, expected=()),)))
         instants = self._simulation.instants()
         self._stimuli = {name: stimulus.values(instants, name) for name, stimulus in scenario.stimuli.items()}
-        of_controller = {f"{spec.component}.{name}": value for name, value in values.items()}
-        self._values = {**case.values, **typed(opened.system, spec.values), **of_controller}
+        given = {**case.values, **typed(opened.system, spec.values)}
+        self._values = {**given, **dotted_values(spec.component, values)}
         self._simulation.check_values(self._values)
         self._simulation.check_record(self._signals)
 
@@ -70,8 +70,8 @@ class SimulatedLoop:
         Raises:
             FmuError: an FMU fails, or an output is not finite.
         """
-        given = {f"{self._component}.{name}": value for name, value in values.items()}
-        return self._simulation.run({**self._values, **given}, self._stimuli, self._signals).trace
+        given = {**self._values, **dotted_values(self._component, values)}
+        return self._simulation.run(given, self._stimuli, self._signals).trace
 
     def unit(self, name: str, place: str) -> str | None:
         """Of a signal.
@@ -93,8 +93,3 @@ def _case(place: str, scenario: Scenario, spec: LoopSpec) -> Case:
         names = ", ".join(case.name for case in scenario.cases)
         raise IdentificationError(f"{place}.case", f"'{spec.case}' is no case of {spec.scenario.name}", names)
     return found
-
-
-def _freed(simulation: Simulation, opened: OpenSystem) -> None:
-    simulation.close()
-    opened.close()

@@ -26,6 +26,7 @@ from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run import ScenarioResult
 from orchestrator.settable import check_values
+from orchestrator.system import dotted_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class SimulatedTuning:
     @property
     def values(self) -> dict[str, float]:
         """controller.parameter -> value that was found."""
-        return {f"{CONTROLLER}.{name}": value for name, value in self.found.best.values.items()}
+        return dotted_values(CONTROLLER, self.found.best.values)
 
     @property
     def controller(self) -> CalibratedFmu:

@@ -18,6 +18,7 @@ from identification.linear.model import LinearModel
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.interface import Interface
+from orchestrator.system import dotted_values
 from orchestrator.trace import FloatArray
 
 SAMPLES = 64  # of an answer
@@ -47,7 +48,7 @@ class FmuController:
         self._built = BuiltSystem(SystemSpec({name: spec}), stimulated)
         opened = OpenSystem(self._built.assembled)
         self._simulation: Simulation = opened.simulation(Timing(step * SAMPLES, step))
-        weakref.finalize(self, _freed, self._simulation, opened)
+        weakref.finalize(self, opened.close)  # and the simulation with it
         self.require_slopes({})
 
     def step(self, values: Mapping[str, float]) -> float:
@@ -91,16 +92,10 @@ class FmuController:
         """(K, w) outputs from the sample on at which they are made, under inputs (K, v) beside those at rest."""
         driven = np.vstack([self._rest + beside, self._rest])
         stimuli = {f"{self.name}.{own}": column for own, column in zip(self.inputs, driven.T, strict=True)}
-        given = {f"{self.name}.{own}": value for own, value in values.items()}
         record = [f"{self.name}.{own}" for own in self.outputs]
-        own = self._built.assembled.system.values()
-        trace = self._simulation.run({**own, **given}, stimuli, record).trace
+        given = {**self._built.assembled.system.values(), **dotted_values(self.name, values)}
+        trace = self._simulation.run(given, stimuli, record).trace
         return np.column_stack([trace[signal][1:] for signal in record])
-
-
-def _freed(simulation: Simulation, opened: OpenSystem) -> None:
-    simulation.close()
-    opened.close()
 
 
 def _realised(markov: FloatArray, step: float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearModel:
