@@ -19,6 +19,11 @@ def tell_ready() -> None:
             Path(path).touch()
 
 
+def share_of(progress: Progress, first: float, last: float) -> Progress:
+    """For a part of the work: its beginning and end are these fractions of the whole."""
+    return lambda fraction, doing: progress(first + (last - first) * fraction, doing)
+
+
 def silent(fraction: float, doing: str) -> None:
     """Told to nobody."""
 

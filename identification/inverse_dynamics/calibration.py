@@ -23,7 +23,7 @@ from identification.recordings.units import in_units
 from identification.signals.processing import mean_step
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.fmi.isolation import Isolation
-from orchestrator.progress import Progress, silent
+from orchestrator.progress import Progress, share_of, silent
 from orchestrator.trace import FloatArray
 
 ROUNDS = 20
@@ -114,7 +114,7 @@ def calibrate(
     system = BuiltSystem(study.system, [study.axis.input])
     with OpenSystem(system.assembled) as opened:
         known = checked(study, opened.system)
-    loaded = load_campaign(study.traces, data, lambda share, doing: progress(0.6 * share, doing), isolation)
+    loaded = load_campaign(study.traces, data, share_of(progress, 0.0, 0.6), isolation)
     recorded = in_units(loaded, known.units)
     terms = list(study.write)
     rows = tuple(

@@ -23,7 +23,7 @@ from identification.recordings.units import in_units
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.crossing import named
 from orchestrator.fmi.isolation import Isolation
-from orchestrator.progress import Progress, silent
+from orchestrator.progress import Progress, share_of, silent
 from orchestrator.settable import check_values
 from orchestrator.system import System, must_be, recordable
 
@@ -104,7 +104,7 @@ def calibrate(
     system = BuiltSystem(study.system)
     with OpenSystem(system.assembled) as opened:
         generic, equilibrium, orbit = _checked(study, opened.system)
-    loaded = load_campaign(study.traces, data, lambda share, doing: progress(0.5 * share, doing), isolation)
+    loaded = load_campaign(study.traces, data, share_of(progress, 0.0, 0.5), isolation)
     recorded = in_units(loaded, {signal: named(unit) for signal, unit in study.signals.units.items()})
     pieces_of = [_motions(study, trace, equilibrium) for trace in recorded]
     motions = tuple(motion for swinging, _ in pieces_of for motion in swinging)

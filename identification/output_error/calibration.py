@@ -37,7 +37,7 @@ from orchestrator.fmi.interface import Port
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes.child import load_ahead
 from orchestrator.processes.pool import processors
-from orchestrator.progress import Progress, silent
+from orchestrator.progress import Progress, share_of, silent
 from orchestrator.settable import check_values
 from orchestrator.system import Endpoint, System, must_be, recordable
 from orchestrator.trace import FloatArray, ReadOnlyArrays
@@ -259,9 +259,7 @@ def calibrate(
     study = isolated(study, isolation)
     if processors() > 1 and recorded_bytes(study.traces, data) > _LONG_READ:
         load_ahead([SystemFactory.__module__])
-    recorded = load_campaign(
-        study.traces, data, lambda fraction, doing: progress(LOADED * fraction, doing), study.options.isolation
-    )
+    recorded = load_campaign(study.traces, data, share_of(progress, 0.0, LOADED), study.options.isolation)
     return PreparedStudy.of(study, recorded).calibrated(progress)
 
 

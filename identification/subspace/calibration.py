@@ -23,7 +23,7 @@ from identification.subspace.schema import ReductionBlock, SubspaceBlock
 from identification.subspace.spread import changes
 from identification.subspace.trials import ModelCandidate, Sides, SubspaceTrial, Trying
 from orchestrator.fmi.isolation import Isolation
-from orchestrator.progress import Progress
+from orchestrator.progress import Progress, share_of
 
 _ATTEMPTS = 3  # of the best models that are tried to be refined, one after the other
 
@@ -94,7 +94,7 @@ def calibrate(
         EstimationInterrupted: interrupted when there was a model, which it carries.
     """
     source = study.source(base)
-    recorded = load_campaign(source, data, lambda fraction, doing: progress(0.3 * fraction, doing), isolation)
+    recorded = load_campaign(source, data, share_of(progress, 0.0, 0.3), isolation)
     recorded = in_common_units(recorded, [*study.inputs, *study.outputs])
     cut = _cut(study, recorded)
     trials = list[SubspaceTrial]()

@@ -27,7 +27,7 @@ from orchestrator.can.database.sources import paths
 from orchestrator.can.logs.frame_count import moment
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout
-from orchestrator.progress import Progress
+from orchestrator.progress import Progress, share_of
 from orchestrator.trace import Trace
 
 STREAMED: dict[str, Callable[[Path], AbstractContextManager[Callable[[Trace], None]]]] = {
@@ -129,8 +129,8 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     The log is read twice: first to know which signals are in it, from when on rows are complete.
     """
     database = can_log.database_of(source, layout)
-    survey = _survey(source, database, layout, lambda share, doing: progress(share / 2, doing))
-    log = logs.read(source, lambda share, doing: progress(0.5 + share / 2, doing))
+    survey = _survey(source, database, layout, share_of(progress, 0.0, 0.5))
+    log = logs.read(source, share_of(progress, 0.5, 1.0))
     decoder, units = Decoder(database, can_log.signals(layout), log.channels, can_log.source_of(layout)), survey.units
     merger = Merger(list(units), start=survey.start, name=source.stem, statistics=decoder.statistics)
     known = {name: unit for name, unit in units.items() if unit}

@@ -10,7 +10,7 @@ from typing import Any
 from fmus.errors import FmuError
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
-from orchestrator.progress import Progress, silent
+from orchestrator.progress import Progress, share_of, silent
 from orchestrator.scenario.run.keeping import Keeping
 from orchestrator.scenario.run.outcome import CaseResult, CaseState, ScenarioFailed, ScenarioInterrupted, ScenarioResult
 from orchestrator.scenario.run.same_system import run_cases
@@ -44,8 +44,8 @@ def run_scenario(
     whole = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     done: list[ScenarioResult] = []
     for group in whole.by_system():
-        first = sum(len(result.cases) for result in done)
-        told = _share_of(progress, first, len(group.cases), len(whole.cases))
+        first, count = sum(len(result.cases) for result in done), len(whole.cases)
+        told = share_of(progress, first / count, (first + len(group.cases)) / count)
         kept_there = replace(keeping or Keeping(), first=first)
         try:
             done.append(run_cases(group, overrides or {}, told, fmus, kept_there, isolation, going_on))
@@ -87,7 +87,3 @@ def _joined(scenario: Scenario, parts: Sequence[ScenarioResult]) -> ScenarioResu
         crossings=tuple(dict.fromkeys(crossing for part in parts for crossing in part.crossings)),
         hashes=hashes,
     )
-
-
-def _share_of(progress: Progress, first: int, count: int, total: int) -> Progress:
-    return lambda fraction, doing: progress((first + fraction * count) / total, doing)
