@@ -97,7 +97,7 @@ def _common(one: FloatArray, other: FloatArray, slack: float) -> tuple[BoolArray
 
 
 def _parting(one: Trace, other: Trace, name: str, tolerance: float) -> Parting:
-    difference = _difference(one[name], other[name])
+    difference = distances(one[name], other[name])
     if name in one.texts:
         difference = (difference > 0).astype(float)
     most = int(np.argmax(difference))
@@ -121,7 +121,7 @@ def _said(trace: Trace, name: str, row: int) -> str | None:
     return None if math.isnan(number) else trace.texts[name][int(number)]
 
 
-def _difference(one: FloatArray, other: FloatArray) -> FloatArray:
+def distances(one: FloatArray, other: FloatArray) -> FloatArray:
     """Distances (K,); none between samples that are the same infinity or both no number, infinite to any other."""
     with np.errstate(invalid="ignore"):
         distance = np.abs(one - other)

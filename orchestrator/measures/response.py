@@ -27,9 +27,7 @@ def final_value(time: ArrayLike, values: ArrayLike, over: float = 0.0, hold: boo
         raise TraceError("final value", f"is to be taken over {over:g} s of {t[-1] - t[0]:g} s", "shorten it")
     if over == 0:
         return float(y[-1])
-    first = int(np.searchsorted(t, begin, side="right"))
-    at_begin = y[max(first - 1, 0)] if hold else np.interp(begin, t, y)
-    return mean(np.append(begin, t[first:]), np.append(at_begin, y[first:]), hold)
+    return mean(*_since(t, y, begin, hold), hold)
 
 
 def steady_error(time: ArrayLike, values: ArrayLike, target: float, over: float = 0.0, hold: bool = False) -> float:
@@ -100,10 +98,14 @@ def residual_rms(time: ArrayLike, values: ArrayLike, target: float, band: float,
     settled = settling_time(t, y, target, band, hold)
     if settled is None:
         return None
-    begin = t[0] + settled
+    return rms(*_since(t, y - target, t[0] + settled, hold), hold)
+
+
+def _since(t: FloatArray, y: FloatArray, begin: float, hold: bool) -> tuple[FloatArray, FloatArray]:
+    """Stamps and samples from a time on, which has a sample of its own."""
     first = int(np.searchsorted(t, begin, side="right"))
     at_begin = y[max(first - 1, 0)] if hold else np.interp(begin, t, y)
-    return rms(np.append(begin, t[first:]), np.append(at_begin, y[first:]) - target, hold)
+    return np.append(begin, t[first:]), np.append(at_begin, y[first:])
 
 
 def retreat(time: ArrayLike, values: ArrayLike, falling: bool = False) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from orchestrator.measures.parting import distances
 from orchestrator.trace import FloatArray, Trace
 
 FIRST_ORDER = 2.0  # the error of a run over what half its step changes
@@ -29,21 +30,12 @@ def acts(changed: Trace, plain: Trace, halved: Trace | None) -> bool:
 
 
 def _above(changed: Trace, plain: Trace, finer: Trace | None, name: str) -> bool:
-    effect = _difference(changed[name], plain[name])
+    effect = distances(changed[name], plain[name])
     if not effect.any():
         return False
     count = 0 if finer is None else min(len(finer), len(plain))
-    error = np.zeros(1) if finer is None or not count else _difference(finer[name][:count], plain[name][:count])
+    error = np.zeros(1) if finer is None or not count else distances(finer[name][:count], plain[name][:count])
     return _largest(effect) > FIRST_ORDER * _largest(error) or _rms(effect) > FIRST_ORDER * _rms(error)
-
-
-def _difference(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Sample by sample; 0 where they are equal, in not being finite, too, and infinite where one alone is not."""
-    equal = (one == other) | (np.isnan(one) & np.isnan(other))
-    with np.errstate(invalid="ignore"):
-        distance = np.abs(one - other)
-    found: FloatArray = np.where(equal, 0.0, np.where(np.isfinite(distance), distance, np.inf))
-    return found
 
 
 def _largest(difference: FloatArray) -> float:
