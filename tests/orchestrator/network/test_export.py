@@ -185,6 +185,7 @@ def test_what_is_received_is_what_was_sent_rounded_by_its_frame(carried: Result)
     assert max(np.min(np.abs(sent - got)) for got in trace["t.got_e"]) < 1e-24
 
 
+@pytest.mark.slow
 def test_a_loop_over_a_bus_is_the_wired_one_but_for_rounding_and_delay(tmp_path: Path, scenario: Any) -> None:
     rig = (
         HEAD

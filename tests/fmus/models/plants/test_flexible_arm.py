@@ -182,6 +182,7 @@ def test_below_the_dry_friction_the_hub_only_bends_its_bristles(torque: float) -
     assert found[-1, 1] == pytest.approx(torque, abs=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_hub_breaks_away_at_the_dry_friction(sign: int) -> None:
     held, moved = (run({}, ["angle"], grid(0.6, 0.01), ramp(sign * k * 0.235))[-1, 0] for k in (0.95, 1.08))
@@ -210,6 +211,7 @@ def exact(arm: Arm, torque: float, start: FloatArray, time: FloatArray) -> Float
     return np.asarray(found.y[[0, beam.MODES + 1]].T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "torque"), [(0.0, 0.6), (6.0, -1.0), (0.6, -0.6), (20.0, 0.0)])
 def test_motion_is_that_of_lugre_with_an_implicit_method(speed: float, torque: float) -> None:
     """From slipping at up to 20 rad/s, where the bristles' time constant is 6 us, through rest and back."""

@@ -235,6 +235,7 @@ def test_the_readings_follow_the_command_only_through_the_drive() -> None:
     assert not any("command" in inputs for inputs in symbolic.feed_through(MODEL).values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", [{}, {"bristle_stiffness": 50.0}, {"cogging_torque": 0.1}, {"frequency_3": 100.0}])
 def test_a_finer_solver_gives_the_same_motion(changed: dict[str, float]) -> None:
     finer = replace(MODEL, solver_step=lambda p: flexible_link.solver_step(p) / 4)

@@ -60,6 +60,7 @@ def test_the_spread_is_that_of_the_windows_means() -> None:
     assert high - low == pytest.approx(2 * half, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_parameter_that_does_nothing_gets_no_interval() -> None:
     found = fitted(scattered(12, np.random.default_rng(2)))
     assert found.ci95["m.nothing"] == (-np.inf, np.inf) and np.isfinite(found.ci95["m.slope"][0])
@@ -84,6 +85,7 @@ def test_percentiles_are_those_of_students_t() -> None:
     assert (low, high) == pytest.approx(stats.norm.cdf(np.sqrt(12 / 11) * stats.t.ppf([0.025, 0.975], 11)))
 
 
+@pytest.mark.slow
 def test_bca_is_that_of_scipy() -> None:
     """Without what is added for few windows, of the mean of a skewed sample."""
     sample = np.random.default_rng(6).exponential(size=2000)

@@ -66,7 +66,7 @@ def test_the_manifest_tells_of_runs_that_a_command_kept_and_was_killed_before_it
 
 @pytest.mark.slow
 def test_a_command_that_is_killed_again_and_again_comes_to_the_same_bytes(tmp_path: Path) -> None:
-    file = study(tmp_path, LONGER, design={"by": "sobol", "samples": 1500, "seed": 3}, traces=None)
+    file = study(tmp_path, LONGER, design={"by": "sobol", "samples": 700, "seed": 3}, traces=None)
     sweep(file, tmp_path / "whole", Here())
     rng, ends = random.Random(1), list[int | None]()
     for _ in range(3):
@@ -77,7 +77,7 @@ def test_a_command_that_is_killed_again_and_again_comes_to_the_same_bytes(tmp_pa
     )
     assert done.returncode == 0, done.stderr
     assert results(tmp_path / "out") == results(tmp_path / "whole")
-    twice = len(ran(tmp_path / "out")) - 1500
+    twice = len(ran(tmp_path / "out")) - 700
     assert twice == 0 and list((tmp_path / "out" / "pending").iterdir()) == []
 
 

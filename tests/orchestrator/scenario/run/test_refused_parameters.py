@@ -88,6 +88,7 @@ def test_a_system_in_one_fmu_names_its_part(tmp_path: Path, fmi: int) -> None:
     assert refusal(path) == f"servotwin: {path}: rig: filter: {FREQUENCY}"
 
 
+@pytest.mark.slow
 def test_a_long_table_is_named_by_its_first_values(tmp_path: Path) -> None:
     payloads = [0.1 * i for i in range(9)] + [0.0]
     gains = {name: [1.0] * len(payloads) for name in ("kp", "kd", "ks")}
