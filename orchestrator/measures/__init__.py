@@ -25,7 +25,7 @@ from orchestrator.measures.response import (
     settling_time,
     steady_error,
 )
-from orchestrator.measures.share import share_interval
+from orchestrator.measures.share import chance_of_fewer, share_interval
 
 __all__ = [
     "FunnelTolerance",
@@ -34,6 +34,7 @@ __all__ = [
     "Parting",
     "SteadyOscillation",
     "band",
+    "chance_of_fewer",
     "changes",
     "correlation_lag",
     "crossings",

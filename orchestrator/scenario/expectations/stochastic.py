@@ -9,10 +9,9 @@ from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.special import bdtr
 
 from orchestrator.fmi.interface import Port
-from orchestrator.measures import band, membership, share_interval
+from orchestrator.measures import band, chance_of_fewer, membership, share_interval
 from orchestrator.scenario.expectations.base import Condition, Draws, ExpectationScope, Judgement, Times, Tube
 from orchestrator.scenario.expectations.quantities import Dimension, Share
 from orchestrator.scenario.expectations.reference import Against
@@ -147,7 +146,7 @@ class Often(Condition):
         runs = [(time, values), *((trace.time, *trace.signals.values()) for trace in draws[: self.wanted.count])]
         held = sum(self._held(stamps, samples, hold) for stamps, samples in runs)
         low, high = share_interval(held, len(runs))
-        chance = float(bdtr(self.needed - 1, len(runs), held / len(runs)))
+        chance = chance_of_fewer(self.needed, len(runs), held / len(runs))
         share = held / len(runs)
         text = (
             f"held in {held} of {len(runs)} runs, so in {100 * low:.3g} to {100 * high:.3g} % of all such (95 % sure); "

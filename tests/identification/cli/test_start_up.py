@@ -62,6 +62,16 @@ def test_a_short_fit_is_done_in_its_process_without_the_large_parts_of_scipy(tmp
     assert found & dear == set()
 
 
+def test_a_run_of_an_fmu_loads_no_scipy(tmp_path: Path) -> None:
+    targets.build("pendulum", tmp_path / "hand.fmu", target="python")
+    (tmp_path / "fall.yaml").write_text(
+        "title: A fall\ncomponents: {hand: {fmu: hand.fmu}}\nrun: {stop: 0.1, step: 0.01}\n"
+        "expect: [{signal: hand.speed, above: -100}]\n"
+    )
+    found = loaded("run", str(tmp_path / "fall.yaml"), "--out", str(tmp_path / "out"))
+    assert "fmpy" in found and not found & {"control", "pandas", "plotly", "scipy", "sympy"}
+
+
 def test_what_a_notebook_begins_with_loads_nothing() -> None:
     code = "import sys, fmus, orchestrator, identification; print([*sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
