@@ -324,15 +324,22 @@ def usable(trace: Trace, names: Sequence[str]) -> Trace:
         values = trace[name]
         if name in trace.texts:
             raise TraceError(f"{trace.name}.{name}", "holds text, not numbers", "choose another signal")
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            begins = np.flatnonzero(np.isfinite(values))[:1]
-            late = f"; its first value comes at {trace.time[begins[0]]:g} s" if bad[0] == 0 and len(begins) else ""
-            raise TraceError(
-                f"{trace.name}.{name}",
-                f"is not finite at t = {trace.time[bad[0]]:g} s ({len(bad)} samples{late})",
-                "repair or cut the recording",
-            )
+        require_finite(trace, name)
         if np.all(values == values[0]):
             raise TraceError(f"{trace.name}.{name}", f"is constant ({values[0]:g})", "check the column's number")
     return trace
+
+
+def require_finite(trace: Trace, name: str, fix: str = "repair or cut the recording") -> None:
+    """See that a signal has a value at each sample.
+
+    Raises:
+        TraceError: it has not; the message tells `fix`.
+    """
+    known = np.isfinite(trace[name])
+    if known.all():
+        return
+    bad, begins = np.flatnonzero(~known), np.flatnonzero(known)[:1]
+    late = f"; its first value comes at {trace.time[begins[0]]:g} s" if bad[0] == 0 and len(begins) else ""
+    problem = f"is not finite at t = {trace.time[bad[0]]:g} s ({len(bad)} samples{late})"
+    raise TraceError(f"{trace.name}.{name}", problem, fix)

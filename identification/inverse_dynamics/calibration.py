@@ -18,7 +18,7 @@ from identification.inverse_dynamics.study import InverseDynamicsStudy, Way
 from identification.inverse_dynamics.system import AxisSystem, checked
 from identification.inverse_dynamics.terms import PASSIVE, Term
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
-from identification.recordings.marks import nothing_left, pieces
+from identification.recordings.marks import nothing_left, pieces, require_known
 from identification.recordings.units import in_units
 from identification.signals.processing import mean_step
 from orchestrator.assembly.assembly import OpenSystem
@@ -142,6 +142,7 @@ def _records(study: InverseDynamicsStudy, recorded: StudyTrace, known: AxisSyste
     kept = [piece for piece in pieces(trace, recorded.marks) if piece.duration > shortest]
     if not kept:
         raise nothing_left(recorded.place, f"no {shortest:.2g} s are", recorded.marks)
+    require_known(recorded.excluded_as, kept, trace.names)
     step, records = mean_step(trace.time), []
     for number, piece in enumerate(kept):
         even = piece.resampled(piece.time[0] + step * np.arange(int(piece.duration / step * (1 + 1e-9)) + 1), hold=held)

@@ -18,7 +18,7 @@ from identification.motion.study import MotionStudy, Way
 from identification.motion.tube import Tube, tube_of
 from identification.quantities import must_be_in, number
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
-from identification.recordings.marks import nothing_left, pieces
+from identification.recordings.marks import nothing_left, pieces, require_known
 from identification.recordings.units import in_units
 from orchestrator.assembly.assembly import OpenSystem
 from orchestrator.crossing import named
@@ -134,6 +134,7 @@ def _motions(study: MotionStudy, recorded: StudyTrace, equilibrium: float) -> tu
     kept = pieces(recorded.trace.select(list(signals.units)), recorded.marks)
     if not kept:
         raise nothing_left(recorded.place, "no motion is", recorded.marks)
+    require_known(recorded.excluded_as, kept, signals.units)
     for piece in kept:
         try:
             motion = recorded_motion(piece, signals.angle, signals.speed, equilibrium, signals.voltage)

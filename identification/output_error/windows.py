@@ -34,7 +34,7 @@ from identification.output_error.times.delays import (
 )
 from identification.output_error.times.spans import Samples, lasting, on_raster, rounded, stated
 from identification.recordings.campaign import StudyTrace
-from identification.recordings.marks import nothing_left, sound
+from identification.recordings.marks import nothing_left, require_known, sound
 from identification.signals.resolution import resolution
 from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Port, Value
@@ -130,6 +130,7 @@ def cut_windows(
         if marks and len(left) < 2:
             marked.append(recorded)
             continue
+        require_known(recorded.excluded_as, [left], run.signals)
         usable(left, run.signals)
         trace = replace(named, name=recorded.trace.name)
         placing = windows.sampled(trace.interval, run.step)

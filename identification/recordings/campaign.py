@@ -122,6 +122,7 @@ class StudyTrace:
         crossings: how its signals got to the units that they are in.
         marks: stretches that are left out; kept: that are taken all the same.
         damaged: whether something was seen in the file that may spoil a fit.
+        part_of: name of the trace that it is a part of; "" of a whole one.
     """
 
     trace: Trace
@@ -138,6 +139,12 @@ class StudyTrace:
     written: Mapping[str, str] = field(default_factory=dict)
     kept: tuple[Mark, ...] = ()
     damaged: bool = False
+    part_of: str = ""
+
+    @property
+    def excluded_as(self) -> str:
+        """What `traces.exclude` calls it."""
+        return self.part_of or self.trace.name
 
     @property
     def place(self) -> str:
@@ -208,7 +215,7 @@ def _with_parts(known: list[StudyTrace], parts: Sequence[RecordingPart], foreign
     for whole in known:
         own = [part for part in parts if part.trace == whole.trace.name]
         for trace, marks in parted(whole.trace, own):
-            yield replace(whole, trace=trace, marks=(*whole.marks, *marks))
+            yield replace(whole, trace=trace, marks=(*whole.marks, *marks), part_of=whole.trace.name)
 
 
 def split(traces: list[StudyTrace], hold_out: Sequence[str]) -> tuple[list[StudyTrace], list[StudyTrace]]:

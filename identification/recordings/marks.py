@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fmus.errors import ScenarioError, TraceError
 from orchestrator.marks import Mark, cycle_of, gaps, listed, runs, union
-from orchestrator.trace import BoolArray, FloatArray, Trace
+from orchestrator.trace import BoolArray, FloatArray, Trace, require_finite
 
 UNSURE = 20.0  # cycles without a sample that make a gap where nobody tells the cycle
+MOST = 4  # stretches that a message spells out
 MUCH = 0.1  # of a recording left out, from which it is a warning
 
 
@@ -81,6 +84,35 @@ def pieces(trace: Trace, marks: Sequence[Mark]) -> list[Trace]:
     begins, ends = np.append(trace.time[0], stretches[:, 1]), np.append(stretches[:, 0], trace.time[-1])
     found = (trace.between(begin, end) for begin, end in zip(begins, ends, strict=True) if begin <= end)
     return [piece for piece in found if len(piece) > 1]
+
+
+def require_known(name: str, kept: Sequence[Trace], signals: Iterable[str]) -> None:
+    """See that signals have a value at each sample of what is left of a trace.
+
+    Args:
+        name: of the trace in the study.
+
+    Raises:
+        TraceError: one has not; the message says what leaves those samples out.
+    """
+    for signal in signals:
+        lost = [~np.isfinite(piece[signal]) for piece in kept]
+        ends = [
+            f"{{trace: {_as_yaml(name)}, from: {float(piece.time[first])!r}, to: {float(piece.time[after - 1])!r}}}"
+            for piece, missing in zip(kept, lost, strict=True)
+            for first, after in runs(missing)
+        ]
+        stretches = ", ".join(ends[:MOST]) + (", ..." if len(ends) > MOST else "")
+        more = f", {len(ends)} stretches" if len(ends) > MOST else ""
+        for piece in kept:
+            fix = f"repair or cut the recording, or leave them out: `traces.exclude: [{stretches}]`{more}"
+            require_finite(piece, signal, fix)
+
+
+def _as_yaml(name: str) -> str:
+    """A name as a list in a study file has it."""
+    plain = re.fullmatch(r"[A-Za-z_][\w.-]*", name) and name.lower() not in ("true", "false", "null")
+    return name if plain else json.dumps(name, ensure_ascii=False)
 
 
 def of_stamps(trace: Trace) -> Iterator[Mark]:

@@ -9,7 +9,7 @@ from typing import Literal
 
 from fmus.errors import ScenarioError
 from identification.recordings.campaign import StudyTrace, TraceSource
-from identification.recordings.marks import nothing_left, pieces
+from identification.recordings.marks import nothing_left, pieces, require_known
 from identification.resonance.added_mass import AddedMassBounds
 from identification.resonance.steps import Experiment, Processing
 from orchestrator.assembly.assembly import SystemSpec
@@ -48,6 +48,7 @@ class SineCampaign:
         between = pieces(recorded.trace, recorded.marks)
         if not between:
             raise nothing_left(recorded.place, "nothing is", recorded.marks)
+        require_known(recorded.excluded_as, between, [self.signal])
         turn = 2 * math.pi if self.frequency_in == "Hz" else 1.0
         return Experiment(
             max(between, key=lambda piece: piece.duration),

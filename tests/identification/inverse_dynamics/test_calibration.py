@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from fmus.errors import InputError
+from fmus.errors import InputError, TraceError
 from identification.calibrate import CalibratedStudy, calibrate
 from orchestrator.assembly.assembly import ComponentSpec
 from tests.support.identification import driven_axis
@@ -85,6 +85,17 @@ def test_the_axis_is_found_to_two_percent_and_explains_a_recording_kept_aside(fo
         assert one["truth"] == TRUTH[name]
     assert found.summary["fit"]["validation"] is not None
     assert found.summary["fit"]["validation"]["median"] > 0.95  # type: ignore[operator]
+
+
+def test_a_recording_with_a_missing_command_is_refused_and_no_values_are_made_of_it(
+    recordings: Path, tmp_path: Path
+) -> None:
+    rows = (recordings / "run0.csv").read_text().splitlines()
+    time, position, _, wanted = rows[500].split(",")
+    rows[500] = f"{time},{position},,{wanted}"
+    (tmp_path / "run0.csv").write_text("\n".join(rows))
+    with pytest.raises(TraceError, match=r"command: is not finite at .*`traces\.exclude: \[{trace: run0, from: "):
+        calibrate(study(tmp_path), tmp_path)
 
 
 def test_both_ways_stand_side_by_side(found: CalibratedStudy) -> None:

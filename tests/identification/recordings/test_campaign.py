@@ -135,7 +135,8 @@ def spoiled(column: int, value: float, rows: slice = slice(None)) -> np.ndarray:
         (
             "rig_0__a",
             spoiled(2, np.nan, slice(40, 42)),
-            ".angle: is not finite at t = 0.4 s (2 samples); repair or cut",
+            ".angle: is not finite at t = 0.4 s (2 samples); repair or cut the recording, or leave them out: "
+            "`traces.exclude: [{trace: rig_0__a, from: 0.4, to: 0.41",
         ),
         ("rig_0__a", spoiled(1, np.inf, slice(7, 8)), ".voltage: is not finite at t = 0.07 s (1 samples)"),
         ("rig_0__a", spoiled(2, 1.5), ".angle: is constant (1.5); check the column's number"),
