@@ -1,4 +1,4 @@
-"""Words of messages: a name that may be meant, an article, the first of many names."""
+"""Words of messages: a name that may be meant, an article, the first of many names, what a library complains of."""
 
 from __future__ import annotations
 
@@ -18,6 +18,22 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def with_article(noun: str) -> str:
     """The noun with a or an before it."""
     return f"an {noun}" if noun[0] in "aeioAEIO" else f"a {noun}"
+
+
+def cut(text: str, most: int) -> str:
+    """The text, cut to a readable length."""
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def complaint(error: object, most: int = 300) -> str:
+    """A library's complaint in one line; the kind of its error where it says nothing."""
+    return cut(" ".join(str(error).split()) or type(error).__name__, most)
+
+
+def excerpt(error: object, most: int = 160) -> str:
+    """The first line of a library's complaint."""
+    said = str(error).strip() or type(error).__name__
+    return cut(said.splitlines()[0].strip().rstrip("."), most)
 
 
 def listed(names: Sequence[str], most: int = 4, between: str = ", ") -> str:

@@ -26,6 +26,7 @@ from fmus.packaging import archive
 from fmus.packaging.native import foreign_sources
 from fmus.packaging.system import manifest
 from fmus.units import Unit
+from fmus.words import complaint
 from orchestrator.fmi import arrays, definitions, unpacked
 from orchestrator.fmi.arrays import LeftOutError, Sizes
 from orchestrator.fmi.clocks.declared import adopt_types, amend, clocks
@@ -264,10 +265,10 @@ def _guarded(path: Path, part: str) -> Iterator[None]:
     except ServotwinError:
         raise
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = complaint(error)
         if isinstance(error, LookupError):
             reason = f"something that it refers to is not there ({reason})"
-        raise FmuFileError(path, f"{part}: {reason[:300]}", "ask its supplier for a valid FMU") from error
+        raise FmuFileError(path, f"{part}: {reason}", "ask its supplier for a valid FMU") from error
 
 
 def _interface(

@@ -13,9 +13,10 @@ from pyarrow import parquet as pq
 
 from fmus.errors import TraceError
 from fmus.files import sha256
+from fmus.words import excerpt
 from orchestrator.formats import parquet
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 from orchestrator.trace import Trace
 
 SUFFIX = ".arrows"

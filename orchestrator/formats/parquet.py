@@ -13,9 +13,10 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fmus.errors import InputError, TraceError
+from fmus.words import excerpt
 from orchestrator.formats.arrow import arrays, is_text, numbers, texts
 from orchestrator.formats.layout import MAX_VALUES, FileColumns, Layout, choose
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 from orchestrator.formats.stamps import Stamps, since_first
 from orchestrator.processes.interrupts import whole
 from orchestrator.processes.memory import require

@@ -56,9 +56,3 @@ def coarse(trace: Trace) -> tuple[str, ...]:
 
 def _largest(values: FloatArray) -> float:
     return float(np.fmax(np.fmax.reduce(values, initial=0.0), -np.fmin.reduce(values, initial=0.0)))
-
-
-def excerpt(problem: object, most: int = 160) -> str:
-    """The first line of a library's complaint, cut to a readable length."""
-    line = (str(problem).strip() or type(problem).__name__).splitlines()[0].strip().rstrip(".")
-    return line if len(line) <= most else line[: most - 3] + "..."

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pyarrow import compute
 
 from fmus.errors import TraceError
-from orchestrator.formats.recording import excerpt
+from fmus.words import excerpt
 from orchestrator.trace import FloatArray
 
 Instants = NDArray[np.int64]

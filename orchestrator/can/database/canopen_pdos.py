@@ -13,6 +13,7 @@ from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
 
 from fmus.errors import DatabaseError
+from fmus.words import complaint
 
 COMMUNICATION = {"RPDO": 0x1400, "TPDO": 0x1800}  # the first object of each kind
 MAPPED = 0x200  # from there to the object with its mapping
@@ -52,8 +53,7 @@ def read(path: Path, text: str) -> DeviceMessages:
         dictionary = import_eds(io.StringIO(text), node or 0)  # without a number it cannot read `$NODEID+0x1C0`
         found = list(_messages(dictionary, node))
     except Exception as error:  # it meets whatever the file holds
-        problem = " ".join(str(error).split())[:200] or type(error).__name__
-        raise DatabaseError(path, f"cannot be read: {problem}", "export it again") from error
+        raise DatabaseError(path, f"cannot be read: {complaint(error)}", "export it again") from error
     if not found:
         raise DatabaseError(path, "maps no process data (PDO)", "give the device's EDS or DCF with its mapping")
     return DeviceMessages(

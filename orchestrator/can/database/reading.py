@@ -21,6 +21,7 @@ from cantools.database.errors import UnsupportedDatabaseFormatError
 from fmus.encodings import decoded, encoding_of
 from fmus.errors import DatabaseError
 from fmus.files import absence
+from fmus.words import complaint
 from orchestrator.can.database import canopen_pdos
 from orchestrator.can.database.dbc_text import STRINGS, DbcText
 from orchestrator.can.database.message import LeftOut, instead
@@ -267,7 +268,7 @@ def _selections(tree: dict[str, Selected], multiplexer: str, above: tuple[str, .
 
 def _unreadable(path: Path, suffix: str, text: str, cause: Exception) -> UnreadableError:
     """The parser's problem with its line, which it may name itself, or which its names lead to."""
-    problem = " ".join(str(cause).split())[:300] or type(cause).__name__
+    problem = complaint(cause)
     fix = "correct the line, or export the file again"
     if found := _PLACE.search(problem):
         shown = re.sub(r"^.*?line \d+, column \d+: *|: line \d+, column \d+$", "", problem).strip("\"' ")

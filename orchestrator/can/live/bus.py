@@ -18,6 +18,7 @@ import can
 from can.util import cast_from_string
 
 from fmus.errors import BusError, InputError
+from fmus.words import complaint
 from orchestrator.can import frame_time
 from orchestrator.can.slcan import protocol
 from orchestrator.can.slcan.bus import ERROR_BUS_OFF, SlcanBus
@@ -126,10 +127,9 @@ def open_bus(settings: BusSettings) -> can.BusABC:
             return SlcanBus(settings.channel, **keywords)
         return can.Bus(settings.channel, settings.interface, ignore_config=True, **keywords)
     except Exception as error:  # drivers raise anything: ImportError, AttributeError, their own
-        text = " ".join(str(error).split()) or type(error).__name__
         raise BusError(
             settings.place,
-            f"does not open ({text})",
+            f"does not open ({complaint(error)})",
             "see that the adapter is plugged in, its driver installed, and the channel right",
         ) from error
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import can
 
 from fmus.errors import BusError
+from fmus.words import complaint
 from orchestrator.can.live.bus import BusSettings, is_bus_off, occupied, open_bus
 from orchestrator.can.slcan.flow import Key
 
@@ -126,7 +127,7 @@ class Link:
             while (message := bus.recv(timeout)) is not None and self._is_own(message):
                 timeout = 0.0
         except Exception as error:
-            self._lose(bus, _text(error))
+            self._lose(bus, complaint(error))
             if not self.reopens:
                 raise
             return None
@@ -153,7 +154,7 @@ class Link:
                 self.no_room += 1
             else:
                 self.unsent += 1
-                self._lose(bus, _text(error))
+                self._lose(bus, complaint(error))
             self._check(bus)
             return False
         self._given[key] += 1
@@ -173,7 +174,7 @@ class Link:
         except (NotImplementedError, can.CanTimeoutError):
             return False
         except Exception as error:  # drivers raise anything
-            self._lose(bus, _text(error))
+            self._lose(bus, complaint(error))
             return False
         self._forgotten += waiting
         return True
@@ -279,10 +280,6 @@ def _send(bus: can.BusABC, frame: can.Message, patience: float) -> None:
             if not _no_room(error) or time.monotonic() >= until:
                 raise
         time.sleep(_NAP)
-
-
-def _text(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _no_room(error: Exception) -> bool:

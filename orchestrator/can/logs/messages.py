@@ -38,12 +38,6 @@ def _odd_data(message: can.Message) -> str:
     return "" if there in (told, min(told, CLASSIC)) else f"it says {told} data bytes and has {there}"
 
 
-def shortened(problem: object, most: int = 100) -> str:
-    """The first line of a library's complaint."""
-    line = (str(problem).strip() or type(problem).__name__).splitlines()[0]
-    return line if len(line) <= most else line[: most - 3] + "..."
-
-
 def silence() -> None:
     """Keep python-can's readers and writers from logging line by line what is counted here."""
     logging.getLogger("can.io").setLevel(logging.ERROR)

@@ -12,9 +12,10 @@ from urllib.parse import quote
 import can
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.can.frames import CLASSIC, Frames, from_messages
 from orchestrator.can.logs.findings import Findings
-from orchestrator.can.logs.messages import BATCH, oddity, shortened
+from orchestrator.can.logs.messages import BATCH, oddity
 
 ROWS = (
     "SELECT rowid, ts, arbitration_id, extended, remote, error, dlc, data FROM messages "
@@ -92,7 +93,7 @@ def _bounds(database: sqlite3.Connection, path: Path) -> tuple[int, int]:
         last = database.execute("SELECT max(rowid) FROM messages").fetchone()[0]
     except (sqlite3.Error, UnicodeError) as problem:  # SQLite quotes what it does not understand
         raise TraceError(
-            path, f"is no readable SQLite database of messages ({shortened(problem)})", "record or export it again"
+            path, f"is no readable SQLite database of messages ({excerpt(problem)})", "record or export it again"
         ) from None
     return (1, 0) if first is None else (int(first), int(last))
 
@@ -108,7 +109,7 @@ def _take(database: sqlite3.Connection, first: int, taken: list[can.Message], fi
             else:
                 taken.append(message)
     except (sqlite3.Error, OverflowError, UnicodeError) as problem:
-        return row, shortened(problem)
+        return row, excerpt(problem)
     return row, ""
 
 

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.formats.arrays import tree
 from orchestrator.formats.arrays.tree import DEEPEST, Node, NumberArray, Other, Structure
 from orchestrator.formats.layout import MAX_VALUES, Layout
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 from orchestrator.trace import FloatArray
 
 if TYPE_CHECKING:

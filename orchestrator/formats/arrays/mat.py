@@ -15,9 +15,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.formats.arrays import mat5, tree
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 from orchestrator.trace import Trace
 
 DAMAGED = "record or export it again as MATLAB v5 (save -v6 or -v7)"

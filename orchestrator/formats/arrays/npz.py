@@ -10,10 +10,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.formats.arrays import tree
 from orchestrator.formats.arrays.tree import Node, NumberArray, Other, Structure
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 
 
 def read(path: Path, layout: Layout) -> Recording:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.formats.arrays.channels import ArrayChannel, distinct, recording
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 
 if TYPE_CHECKING:
     import nptdms

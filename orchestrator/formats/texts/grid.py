@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.formats import headings
 from orchestrator.formats.layout import Decimal, Layout, Separator
-from orchestrator.formats.recording import excerpt
 from orchestrator.formats.texts.cells import Kind, decimal_mark, is_value, kind
 
 SEPARATORS: dict[Separator, str] = {",": ",", ";": ";", "tab": "\t", "|": "|", "blank": " "}

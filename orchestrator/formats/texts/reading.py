@@ -14,9 +14,10 @@ from pyarrow import compute, csv
 
 from fmus.encodings import SAMPLE, decoded, encoding_of
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.formats.arrow import numbers, texts
 from orchestrator.formats.layout import ColumnChoice, Decimal, FileColumns, Layout, choose
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 from orchestrator.formats.texts.cells import GROUPS, MINUS, MISSING, is_time_of_day, kind
 from orchestrator.formats.texts.grid import SEPARATORS, TextGrid, grid
 from orchestrator.formats.texts.stamps import seconds

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording, excerpt
+from orchestrator.formats.recording import Recording
 from orchestrator.formats.texts.reading import read_text
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 from fmus.errors import InputError
+from fmus.words import complaint
 from orchestrator.batch.sweep.runs.package import Unable, WorkerPackage, WorkerPlatform
 from orchestrator.batch.sweep.runs.queue import Queue
 from orchestrator.batch.sweep.runs.setup import Chunk, ChunkResult, Setup
@@ -259,9 +260,8 @@ def _connected(address: str, patience: float) -> Iterator[Client]:
             client = Client(address, timeout=CONNECTING, set_as_default=False)
         except (OSError, TimeoutError) as error:
             if monotonic() > end:
-                told = " ".join(str(error).split())[:120] or type(error).__name__
                 fix = "check the address, or start one: dask scheduler"
-                raise InputError(place, f"no scheduler answers there ({told})", fix) from None
+                raise InputError(place, f"no scheduler answers there ({complaint(error, 120)})", fix) from None
             sleep(0.2)
         except ValueError as error:
             raise InputError(place, f"is no address ({error})", "write tcp://HOST:PORT") from None

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import TraceError
+from fmus.words import excerpt
 from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames, concatenated, since
 from orchestrator.can.logs.findings import Findings
-from orchestrator.can.logs.messages import shortened
 from orchestrator.trace import Bytes, FloatArray
 
 BATCH = 1 << 16
@@ -120,7 +120,7 @@ def _opened(path: Path, findings: Findings) -> Any:
     try:
         return asammdf.MDF(path)  # it finalizes a copy
     except Exception as problem:  # asammdf meets damage with whatever error comes first
-        raise TraceError(path, f"is no readable .mf4 log ({shortened(problem)})", "record or export it again") from None
+        raise TraceError(path, f"is no readable .mf4 log ({excerpt(problem)})", "record or export it again") from None
 
 
 def _refuse_measurement(mdf: Any, path: Path) -> None:
@@ -155,7 +155,7 @@ def _group(mdf: Any, number: int, name: str, first_channel: int, findings: Findi
             signal = mdf.get(name, number, record_offset=first, record_count=BATCH)
             batch = _columns(signal, findings.dated(start, signal.timestamps), name, first_channel)
         except Exception as problem:  # see above
-            findings.add(int(group.address), f"records of this group from {first} on: {shortened(problem)}")
+            findings.add(int(group.address), f"records of this group from {first} on: {excerpt(problem)}")
             return
         if not len(batch):
             findings.add(int(group.address), f"this group has {first} of its {group.cycles_nr} records")

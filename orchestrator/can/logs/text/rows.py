@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fmus.words import cut
 from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag, Frames
 from orchestrator.stamps import LATEST
 from orchestrator.trace import BoolArray, Bytes, FloatArray
@@ -137,9 +138,9 @@ def hexadecimal(text: str) -> bytes:
         raise NoFrameError(f"'{shown(text)}' are no data bytes") from None
 
 
-def shown(text: str, most: int = 24) -> str:
+def shown(text: str) -> str:
     """What is quoted of a line."""
-    return text if len(text) <= most else text[: most - 3] + "..."
+    return cut(text, 24)
 
 
 def nothing(count: int) -> FoundRows:
