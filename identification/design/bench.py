@@ -22,7 +22,6 @@ from identification.built_system import BuiltSystem
 from identification.design.study import DesignStudy
 from identification.estimation.arrow_least_squares import Loss, WindowBlock
 from identification.estimation.noise import Coloured, coloured
-from identification.estimation.parameters import InitialState
 from identification.estimation.uncertainty import basis, without
 from identification.estimation.workers import LocalPool
 from identification.output_error.calibration import ports_of
@@ -30,7 +29,7 @@ from identification.output_error.search.free_run import FreeRun, Tally
 from identification.output_error.search.problem import Problem
 from identification.output_error.simulator import FreeRuns
 from identification.output_error.times.spans import at_most
-from identification.output_error.windows import FreeRunWindow, counted, cut_windows
+from identification.output_error.windows import FreeRunWindow, counted, cut_windows, initial_states
 from identification.recordings.campaign import StudyTrace
 from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.engine import Run, Simulation
@@ -284,10 +283,7 @@ class DesignBench:
     def _blocks(self, windows: Sequence[FreeRunWindow]) -> list[WindowBlock]:
         """Residuals and Jacobians of the windows at the known parameters."""
         asked = self.study.calibration
-        states = tuple(
-            InitialState(name, tuple(window.initial[name] for window in windows), estimated=spec.estimated)
-            for name, spec in asked.run.initial.items()
-        )
+        states = initial_states(asked.run, windows)
         problem = Problem(asked.parameters, tuple(windows), asked.outputs, states, Loss())
         numbers = tuple(range(len(windows)))
         runs = FreeRuns(self._model, windows, asked.outputs, self._values)

@@ -8,12 +8,11 @@ from identification.motion.calibration import MotionCalibration
 from identification.motion.motion import Motion
 from identification.motion.results import MotionSummary, summary
 from identification.motion.tube import Tube
-from identification.output_error.calibration import Judged
 from identification.result_sections import draw_parameters, provenance, verdict_callout
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
 from orchestrator.report.chart import HEIGHT, Chart, Curve, Panel
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import FloatArray
 
 SHOWN = 4  # recordings that are drawn
 LEAST = 1e-12  # energy that a logarithmic axis shows [J]
@@ -90,20 +89,11 @@ def _free_runs(section: Section, tube: Tube, take: str) -> None:
     ]
     headers = ["model", "rms error [rad]", "times smaller than generic", "worst window [rad]"]
     section.table(headers, rows, caption=f"{tube.spec.periods:g} periods of {tube.period:.4g} s a window")
-    taken = tube.judged[take]
+    taken, units = tube.judged[take], dict.fromkeys(tube.judged[take].outputs, "rad")
     for index in range(min(SHOWN, len(taken.windows))):
-        measured, simulated = _traces(taken, index)
-        runs = [("generic", _traces(tube.judged["generic"], index)[1]), ("recalibrated", simulated)]
+        measured, simulated = taken.traces(index, units)
+        runs = [("generic", tube.judged["generic"].traces(index, units)[1]), ("recalibrated", simulated)]
         section.figure(figures.overlay(measured, runs), measured.name)
-
-
-def _traces(judged: Judged, index: int) -> tuple[Trace, Trace]:
-    """Measured and simulated angle of one window."""
-    window, name = judged.windows[index], judged.outputs[0]
-    return (
-        Trace(window.time, {name: window.measured[:, 0]}, {name: "rad"}, window.name),
-        Trace(window.time, {name: judged.simulated[index][:, 0]}, {name: "rad"}, window.name),
-    )
 
 
 def _balance(section: Section, result: MotionCalibration) -> None:

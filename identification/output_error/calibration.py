@@ -12,7 +12,7 @@ import numpy as np
 from fmus.errors import FmuError
 from identification.built_system import BuiltSystem
 from identification.estimation.arrow_least_squares import Loss
-from identification.estimation.parameters import InitialState, Parameter, ParameterSet
+from identification.estimation.parameters import Parameter, ParameterSet
 from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.fits import FitSummary, fit_summary
 from identification.output_error.choice.choice import Choice
@@ -27,7 +27,14 @@ from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy, WindowSpec
 from identification.output_error.times.rates import rate_warnings
-from identification.output_error.windows import FreeRunWindow, counted, evenly_weighed, length_warnings, weighed
+from identification.output_error.windows import (
+    FreeRunWindow,
+    counted,
+    evenly_weighed,
+    initial_states,
+    length_warnings,
+    weighed,
+)
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
 from identification.results import GROUPS
@@ -40,7 +47,7 @@ from orchestrator.processes.pool import processors
 from orchestrator.progress import Progress, share_of, silent
 from orchestrator.settable import check_values
 from orchestrator.system import Endpoint, System, must_be, recordable
-from orchestrator.trace import FloatArray, ReadOnlyArrays
+from orchestrator.trace import FloatArray, ReadOnlyArrays, Trace
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
 _SHORT = 3_000_000  # steps of components, which are done here sooner than other processes are ready
@@ -68,6 +75,16 @@ class Judged(ReadOnlyArrays):
         """Median FIT over all windows and outputs; nan where none of them moves."""
         known = self.fit[~np.isnan(self.fit)]
         return float(np.median(known)) if known.size else math.nan
+
+    def traces(self, index: int, units: Mapping[str, str]) -> tuple[Trace, Trace]:
+        """Measured and simulated outputs of one window."""
+        window, names = self.windows[index], self.outputs
+        known = {name: units[name] for name in names if name in units}
+        measured, simulated = (
+            Trace(window.time, dict(zip(names, values.T, strict=True)), known, window.name)
+            for values in (window.measured, self.simulated[index])
+        )
+        return measured, simulated
 
     @property
     def crossings(self) -> list[Crossing]:
@@ -324,10 +341,7 @@ def judge(
 def _problem(
     study: OutputErrorStudy, windows: Sequence[FreeRunWindow], parameters: ParameterSet, loss: Loss
 ) -> Problem:
-    states = tuple(
-        InitialState(name, tuple(window.initial[name] for window in windows), estimated=spec.estimated)
-        for name, spec in study.run.initial.items()
-    )
+    states = initial_states(study.run, windows)
     return Problem(parameters, tuple(windows), study.outputs, states, loss, study.grouped, counted(windows))
 
 

@@ -25,7 +25,7 @@ from identification.signals.frequency_response import fit_sine
 from identification.signals.processing import dominant_frequency
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import FloatArray
 
 SHOWN = 12  # windows in the grid of overlays
 
@@ -112,26 +112,16 @@ def overlays(section: Section, units: Mapping[str, str], judged: Judged, compare
     others = {name: other for name, other in compared.items() if len(other.windows) == len(judged.windows)}
     ranked = np.argsort(np.nan_to_num(judged.fit.mean(axis=1)))
     middle = int(ranked[len(ranked) // 2])
-    measured, simulated = _traces(units, judged, middle)
+    measured, simulated = judged.traces(middle, units)
     runs = [("calibrated", simulated)]
-    runs += [(name, _traces(units, other, middle)[1]) for name, other in others.items()]
+    runs += [(name, other.traces(middle, units)[1]) for name, other in others.items()]
     section.figure(figures.overlay(measured, runs), f"The window of median FIT, {measured.name}")
     chosen = np.linspace(0, len(ranked) - 1, min(SHOWN, len(ranked))).astype(int)
     grid = []
     for i in (int(ranked[place]) for place in chosen):
-        measured, simulated = _traces(units, judged, i)
+        measured, simulated = judged.traces(i, units)
         grid.append((f"{measured.name}, FIT {judged.fit[i].mean():.3f}", measured, [("calibrated", simulated)]))
     section.figure(figures.overlays_grid(grid, judged.outputs[0]), "From the worst window to the best")
-
-
-def _traces(units: Mapping[str, str], judged: Judged, index: int) -> tuple[Trace, Trace]:
-    """Measured and simulated outputs of one window."""
-    window, names = judged.windows[index], judged.outputs
-    known = {name: units[name] for name in names if name in units}
-    return (
-        Trace(window.time, dict(zip(names, window.measured.T, strict=True)), known, window.name),
-        Trace(window.time, dict(zip(names, judged.simulated[index].T, strict=True)), known, window.name),
-    )
 
 
 def _frequency_response(section: Section, calibration: Calibration, judged: Judged) -> None:

@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 
 from fmus.errors import ScenarioError, TraceError, WiringError
 from fmus.words import listed
+from identification.estimation.parameters import InitialState
 from identification.output_error.search.problem import Window, spread_weights
 from identification.output_error.study import (
     FreeRunSpec,
@@ -343,6 +344,14 @@ def start_curve(trace: Trace, start: float, spec: StartSpec) -> Polynomial:
         )
     polynomial = Polynomial.fit(near.time, near[spec.signal], spec.degree)
     return spec.conversion.factor * polynomial.deriv(spec.derivative) + spec.conversion.offset
+
+
+def initial_states(run: FreeRunSpec, windows: Sequence[FreeRunWindow]) -> tuple[InitialState, ...]:
+    """What the windows start from, as a fit has it."""
+    return tuple(
+        InitialState(name, tuple(window.initial[name] for window in windows), estimated=spec.estimated)
+        for name, spec in run.initial.items()
+    )
 
 
 def counted(windows: Sequence[FreeRunWindow]) -> float:
