@@ -57,11 +57,11 @@ class ClockedSlave(Slave):
     versions = (Fmi2, EventFmi3)
     _fmi: EventFmi3
 
-    def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
+    def __init__(self, fmu: FmuFile, name: str) -> None:
         self._ticker = Ticker(fmu.interface.clocks.values())
         self._now, self._parts, self._mail = _ClockedMoment(), list[InputPart](), Mail()
         self._running = False
-        super().__init__(fmu, name, debug_log=debug_log)
+        super().__init__(fmu, name)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._now, self._start = _ClockedMoment(), start

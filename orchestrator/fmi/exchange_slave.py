@@ -69,9 +69,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
 
     versions = (Exchange2, Exchange3)
 
-    def __init__(
-        self, fmu: FmuFile, name: str, settings: SolverSettings | None = None, *, debug_log: bool = False
-    ) -> None:
+    def __init__(self, fmu: FmuFile, name: str, settings: SolverSettings | None = None) -> None:
         self._ticker = Ticker(fmu.interface.clocks.values())
         self._parts: list[InputPart] = []
         self._settings = settings or SolverSettings()
@@ -84,7 +82,7 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._snapshots = 0
         self._undefined = ""  # what was not finite in this internal step
         self._doing = ""
-        super().__init__(fmu, name, debug_log=debug_log)
+        super().__init__(fmu, name)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._now, self._over = _ExchangeMoment(start), False

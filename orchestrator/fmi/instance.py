@@ -46,11 +46,11 @@ class FmuInstance(Generic[A]):
 
     versions: tuple[type[A], type[A]]
 
-    def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
+    def __init__(self, fmu: FmuFile, name: str) -> None:
         self.name = name
         self.interface = fmu.interface
         self.warnings = 0
-        self._fmu, self._debug_log = fmu, debug_log
+        self._fmu = fmu
         self._copy: Path | None = None  # folder of a library that was loaded anew
         self._messages: deque[str] = deque(maxlen=20)
         self._complained = False  # has logged an error since its reset
@@ -280,7 +280,7 @@ class FmuInstance(Generic[A]):
 
     def _functions(self, kind: Callable[..., A], fmu: FmuFile) -> A:
         """The functions of the FMU, with an instance made."""
-        return kind(fmu, self.name, self._log, self._debug_log)
+        return kind(fmu, self.name, self._log)
 
     def _instantiate(self) -> None:
         """Take a fresh instance of the library that is loaded in the place of the present one."""

@@ -24,9 +24,9 @@ class Slave(FmuInstance[CoSimulation]):
     _asked = False  # to stop, at the end of the latest step
     _directions = 0  # of the tangents that it carries
 
-    def __init__(self, fmu: FmuFile, name: str, *, debug_log: bool = False) -> None:
+    def __init__(self, fmu: FmuFile, name: str) -> None:
         self._seeds: dict[object, tuple[VariableGroup, list[float]]] = {}  # what tangents begin with
-        super().__init__(fmu, name, debug_log=debug_log)
+        super().__init__(fmu, name)
 
     @property
     def functions(self) -> CoSimulation:

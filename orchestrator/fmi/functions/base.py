@@ -50,7 +50,7 @@ class FmiFunctions(ABC):
     description: ModelDescription
     handle: ctypes.c_void_p
 
-    def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
+    def __init__(self, fmu: FmuFile, name: str, log: Logger) -> None:
         self.description = fmu.description
         self.fmu = self.kind(
             guid=fmu.description.guid,
@@ -58,7 +58,7 @@ class FmiFunctions(ABC):
             modelIdentifier=fmu.identifier,
             instanceName=name,
         )
-        self._log, self._debug_log = log, debug_log
+        self._log = log
         self.handle = ctypes.c_void_p()
         self.instantiate()
 
@@ -115,8 +115,7 @@ class FmiFunctions(ABC):
 
     def log_trouble(self) -> None:
         """Ask for messages about trouble, where the FMU keeps them apart from the rest."""
-        offered = [category.name for category in self.description.logCategories]
-        wanted = offered if self._debug_log else [name for name in offered if name in TROUBLE]
+        wanted = [category.name for category in self.description.logCategories if category.name in TROUBLE]
         if wanted and self.has("SetDebugLogging"):
             names = (ctypes.c_char_p * len(wanted))(*(name.encode() for name in wanted))
             self.call("SetDebugLogging", True, ctypes.c_size_t(len(wanted)), names)

@@ -62,8 +62,8 @@ class CoSimulation(FmiFunctions):
 class Fmi2(Version2, CoSimulation):
     kind = FMU2Slave
 
-    def __init__(self, fmu: FmuFile, name: str, log: Logger, debug_log: bool) -> None:
-        super().__init__(fmu, name, log, debug_log)
+    def __init__(self, fmu: FmuFile, name: str, log: Logger) -> None:
+        super().__init__(fmu, name, log)
         self.asked, self.reached = ctypes.c_int(), ctypes.c_double()
         self.do_step = self.function("DoStep")
         self.do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
@@ -84,11 +84,9 @@ class Fmi2(Version2, CoSimulation):
 class Fmi3(Version3, CoSimulation):
     kind = FMU3Slave
 
-    def __init__(
-        self, fmu: FmuFile, name: str, log: Logger, debug_log: bool, updates: IntermediateUpdates | None = None
-    ) -> None:
+    def __init__(self, fmu: FmuFile, name: str, log: Logger, updates: IntermediateUpdates | None = None) -> None:
         self._made_with: UpdateArguments = {} if updates is None else updates.arguments()
-        super().__init__(fmu, name, log, debug_log)
+        super().__init__(fmu, name, log)
         self.flags = [ctypes.c_bool() for _ in range(3)]
         self.reached = ctypes.c_double()
         self.do_step = self.function("DoStep")
@@ -104,7 +102,7 @@ class Fmi3(Version3, CoSimulation):
         self._results = [*map(ctypes.byref, self.flags), ctypes.byref(self.reached)]
 
     def instantiate(self) -> None:
-        self.fmu.instantiate(loggingOn=self._debug_log, logMessage=receiver(self._log), **self._made_with)
+        self.fmu.instantiate(logMessage=receiver(self._log), **self._made_with)
         self.handle.value = self.fmu.component
 
     def step(self, time: float, duration: float) -> int:
@@ -120,10 +118,6 @@ class EventFmi3(Events3, Fmi3):
 
     def instantiate(self) -> None:
         self.fmu.instantiate(
-            loggingOn=self._debug_log,
-            logMessage=receiver(self._log),
-            eventModeUsed=True,
-            earlyReturnAllowed=True,
-            **self._made_with,
+            logMessage=receiver(self._log), eventModeUsed=True, earlyReturnAllowed=True, **self._made_with
         )
         self.handle.value = self.fmu.component

@@ -28,7 +28,7 @@ class Version2(FmiFunctions):
         Fmi2Logging.forget(self._ticket)
         self._ticket = Fmi2Logging.register(self._log)
         try:
-            self.fmu.instantiate(callbacks=Fmi2Logging.callbacks(self._ticket), loggingOn=self._debug_log)
+            self.fmu.instantiate(callbacks=Fmi2Logging.callbacks(self._ticket))
         except Exception:
             Fmi2Logging.forget(self._ticket)
             raise

@@ -23,7 +23,7 @@ class Version3(FmiFunctions):
     }
 
     def instantiate(self) -> None:
-        self.fmu.instantiate(loggingOn=self._debug_log, logMessage=receiver(self._log))
+        self.fmu.instantiate(logMessage=receiver(self._log))
         self.handle.value = self.fmu.component
 
     def storage(self, kind: str) -> str:

@@ -57,12 +57,12 @@ class _Intermediate(_Base):
         unfinished: how often it called with values of a step that was not finished, which are not kept.
     """
 
-    def __init__(self, fmu: FmuFile, name: str, *, variables: Sequence[str], debug_log: bool = False) -> None:
+    def __init__(self, fmu: FmuFile, name: str, *, variables: Sequence[str]) -> None:
         self._variables = tuple(dict.fromkeys(variables))
         references = [fmu.interface.ports[one].reference for one in self._variables]
         self.updates = IntermediateUpdates(tuple(dict.fromkeys(references)), self._take)
         self._clear()
-        super().__init__(fmu, name, debug_log=debug_log)
+        super().__init__(fmu, name)
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._clear()
@@ -104,7 +104,7 @@ class _Intermediate(_Base):
         return Trace(times[last], signals, {name: unit for name, unit in units.items() if unit}, self.name)
 
     def _functions(self, kind: Callable[..., CoSimulation], fmu: FmuFile) -> CoSimulation:
-        return kind(fmu, self.name, self._log, self._debug_log, self.updates)
+        return kind(fmu, self.name, self._log, self.updates)
 
     def _clear(self) -> None:
         self._times, self._values, self.unfinished = array("d"), array("d"), 0
