@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from orchestrator.display.titles import with_unit
-from orchestrator.report.chart import HEIGHT, Band, Chart, ChartLine, Curve, Panel
+from orchestrator.report.chart import HEIGHT, Band, Chart, Curve, Panel
 from orchestrator.report.drawings import Bars, ChartGrid, Correlations, Stack
 from orchestrator.report.intervals import IntervalChart, IntervalRow
 from orchestrator.trace import FloatArray, Trace
@@ -19,10 +19,9 @@ Response = tuple[str, ArrayLike, ArrayLike]  # label, angular frequency (N,) [ra
 NONE = 0.5  # how high no count at all is drawn on a logarithmic axis
 
 
-def overlay(measured: Trace, simulated: Sequence[tuple[str, Trace]] = (), signals: Sequence[str] = ()) -> Chart:
-    """Measured and simulated signals over time, a window a signal (all of `measured` by default)."""
-    names = list(signals) or list(measured.names)
-    panels = [Panel(_axis_title(measured, name), _curves(name, measured, simulated)) for name in names]
+def overlay(measured: Trace, simulated: Sequence[tuple[str, Trace]] = ()) -> Chart:
+    """Measured and simulated signals over time, a window a signal of the measured ones."""
+    panels = [Panel(_axis_title(measured, name), _curves(name, measured, simulated)) for name in measured.names]
     return Chart(panels, legend=bool(simulated))
 
 
@@ -60,12 +59,11 @@ def residuals(
     )
 
 
-def frequency_response(points: Sequence[Response], curves: Sequence[Response] = (), unit: str = "") -> Chart:
-    """Magnitudes over frequency: measured points and model curves, in decibels of `unit`."""
+def frequency_response(points: Sequence[Response], curves: Sequence[Response] = ()) -> Chart:
+    """Magnitudes over frequency in decibels: measured points and model curves."""
     drawn = [Curve(label, w, _decibel(gain), colour=number) for number, (label, w, gain) in enumerate(curves)]
     drawn += [Curve(label, w, _decibel(gain), "dots", number) for number, (label, w, gain) in enumerate(points)]
-    title = with_unit("magnitude", f"dB re 1 {unit}" if unit else "dB")
-    return Chart([Panel(title, drawn)], x="frequency [rad/s]", log_x=True, height=2 * HEIGHT)
+    return Chart([Panel("magnitude [dB]", drawn)], x="frequency [rad/s]", log_x=True, height=2 * HEIGHT)
 
 
 def points(
@@ -101,15 +99,11 @@ def intervals(rows: Sequence[IntervalRow]) -> IntervalChart:
     return IntervalChart(rows)
 
 
-def distribution(
-    values: ArrayLike, quantity: str, unit: str | None = None, marks: Mapping[str, float] | None = None
-) -> Chart:
-    """Histogram of values (N,), with named marks such as a true value or the ends of an interval."""
+def distribution(values: ArrayLike, quantity: str, unit: str | None = None) -> Chart:
+    """Histogram of values (N,)."""
     sample = np.asarray(values, dtype=float)
     counts, edges = np.histogram(sample, bins="auto" if np.ptp(sample) else 1)
-    lines = [ChartLine(value, "x", name) for name, value in (marks or {}).items()]
-    panel = Panel("count", [_outline(edges, counts.astype(float), 0.0)], lines)
-    return Chart([panel], x=with_unit(quantity, unit))
+    return Chart([Panel("count", [_outline(edges, counts.astype(float), 0.0)])], x=with_unit(quantity, unit))
 
 
 def counts(bins: Sequence[tuple[float, float, int]], quantity: str, unit: str | None = None) -> Chart:

@@ -58,11 +58,11 @@ def full_report(word: str) -> Report:
     section.figure(figures.overlay(trace, [(word, trace)]), caption=word)
     section.figure(figures.overlays_grid([(word, trace, [(word, trace)])], word), caption=word)
     section.figure(figures.residuals(time, trace[word], np.linspace(1, 0, 20), 0.2, word, word), caption=word)
-    section.figure(figures.frequency_response([(word, [1.0, 9.0], [1.0, 0.1])], [(word, [1.0, 9.0], [1.0, 0.2])], word))
+    section.figure(figures.frequency_response([(word, [1.0, 9.0], [1.0, 0.1])], [(word, [1.0, 9.0], [1.0, 0.2])]))
     section.figure(figures.points({word: ([1.0, 2.0], [1.0, 2.0])}, word, word))
     section.figure(figures.bars({word: {word: 0.5}, "b": {word: -0.25}}, 0.4, word, word), caption=word)
     section.figure(figures.correlation_heatmap([word, "b"], [[1.0, -0.4], [-0.4, 1.0]]), caption=word)
-    section.figure(figures.distribution(np.sin(np.arange(90.0)), word, word, {word: 0.1}), caption=word)
+    section.figure(figures.distribution(np.sin(np.arange(90.0)), word, word), caption=word)
     section.figure(figures.counts([(0.0, 1.0, 4), (1.0, 10.0, 0), (10.0, 100.0, 2)], word, word), caption=word)
     marked = [ChartLine(1.0, "y", word), ChartLine(0.5, "x", word, wrong=True), ChartPoint(0.5, 1.0, word)]
     tube = Band(word, [0.0, 1.0], [0.0, 0.0], [2.0, 2.0])
