@@ -6,6 +6,7 @@ Jacobian costs as many simulations a window as there are parameters and states o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -276,8 +277,11 @@ class FreeRun:
 
 
 def known_before(problem: Problem, point: Point, noise: float) -> WindowBlock:
-    """What is known before of parameters as rows (p,): standard deviations off, in those of the residuals."""
-    parameters = problem.parameters
+    """What is known before of parameters as rows (p,): standard deviations off, in those of the residuals.
+
+    It counts as often as samples do, so that windows that overlap do not outweigh it.
+    """
+    parameters, noise = problem.parameters, noise * math.sqrt(problem.counted)
     values, slopes = parameters.values(point.parameters), parameters.slopes(point.parameters)
     columns = {parameter.name: c for c, parameter in enumerate(parameters.free)}
     rows = np.zeros((len(parameters.informed), len(columns)))

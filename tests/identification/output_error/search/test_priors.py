@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -81,6 +82,21 @@ def test_of_a_line_the_estimate_is_the_closed_form(mean: float, std: float) -> N
     assert known.added == pytest.approx(1 - covariance[1, 1] / std**2, abs=0.02)
     assert known.off == pytest.approx((expected[1] - mean) / std, abs=0.01)
     assert found.residuals[0].shape == (50, 1)
+
+
+@pytest.mark.parametrize("times", [2, 5])
+@pytest.mark.parametrize("by", ["local", "profile"])
+def test_windows_that_are_there_more_than_once_do_not_outweigh_it(by: Literal["local", "profile"], times: int) -> None:
+    """The posterior is that of the closed form with each sample once, its mean, covariance and interval."""
+    mean, std, options = -1.8, 0.1, replace(TIGHT, intervals=IntervalOptions(by))
+    once, problem = fitted(line, COLUMNS @ TRUTH, with_prior(mean, std), options)
+    again = replace(problem, windows=problem.windows * times, counted=float(times))
+    found = estimate(again, lambda: Plain(line), options)
+    expected, covariance = closed_form(problem.windows[0].measured[:, 0], mean, std)
+    assert [found.values[name] for name in NAMES] == pytest.approx(expected, rel=2e-3)
+    assert found.covariance == pytest.approx(covariance, rel=0.05)
+    for name in NAMES:
+        assert np.diff(found.ci95[name]) == pytest.approx(np.diff(once.ci95[name]), rel=0.05)
 
 
 def test_profiles_count_what_is_known_before() -> None:
