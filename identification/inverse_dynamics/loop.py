@@ -1,4 +1,4 @@
-"""The axis in its loop, by the parameters found: motions that follow the reference and know nothing of the noise."""
+"""The axis in its loop, by the parameters found: positions that follow the reference and know nothing of the noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.inverse_dynamics.terms import AxisMotion, Term
+from identification.inverse_dynamics.terms import Term
 from orchestrator.trace import FloatArray
 
 
@@ -33,8 +33,8 @@ def in_loop(
     values: Mapping[Term, float],
     gain: float,
     h: float,
-) -> AxisMotion:
-    """The motion of the axis with these values at each sample of the reference (K,), `h` [s] apart.
+) -> FloatArray:
+    """(K,) position of the axis with these values at each sample of the reference (K,), `h` [s] apart.
 
     Steps are semi-implicit; within one dry friction stops the axis, and never turns it round.
 
@@ -43,7 +43,7 @@ def in_loop(
         gain: force per command.
     """
     q, v = start
-    rows = np.empty((len(reference), 3))
+    positions = np.empty(len(reference))
     inertia, offset = values["inertia"], values.get("offset", 0.0)
     stiffness = values.get("stiffness", 0.0)
     by_direction = {sign: _friction(values, sign) for sign in ("positive", "negative")}
@@ -53,9 +53,9 @@ def in_loop(
         viscous, dry = by_direction["positive" if free > 0 else "negative"]
         left = max(abs(free) - h * dry / inertia, 0.0) / (1 + h * viscous / inertia)
         after = math.copysign(left, free)
-        rows[k] = q, v, (after - v) / h
+        positions[k] = q
         q, v = q + h * after, after
-    return AxisMotion(rows[:, 0], rows[:, 1], rows[:, 2])
+    return positions
 
 
 def _friction(values: Mapping[Term, float], side: str) -> tuple[float, float]:

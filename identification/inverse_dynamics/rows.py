@@ -1,7 +1,8 @@
-"""Rows of the regression from recordings: motions by filtered differences, forces, and instruments from the loop."""
+"""Rows of the regression from recordings: forces, motions and instruments from the loop, filtered alike."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,15 +11,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from fmus.errors import IdentificationError
+from identification.inverse_dynamics.averages import averaged_motion, half_width, smoothed, speed
 from identification.inverse_dynamics.loop import PositionLoop, in_loop
 from identification.inverse_dynamics.regression import RegressionRows
 from identification.inverse_dynamics.study import Filtering
-from identification.inverse_dynamics.terms import AxisMotion, Term
-from identification.signals.processing import low_pass
+from identification.inverse_dynamics.terms import Term
 from orchestrator.trace import FloatArray
 
-ORDER, THINNING_ORDER = 4, 2  # of the low-passes; the second rings less
-REACH = 2  # rows on either side that the second reaches to
+FINEST = 0.2  # of the sampling rate, up to which derivatives are right
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class FilteredRecord:
 
     Attributes:
         time: (K,) of the recording [s].
-        motion: of the whole record.
+        speeds: of all samples of the record.
     """
 
     record: AxisRecord
@@ -56,20 +56,23 @@ class FilteredRecord:
     y: FloatArray
     x: FloatArray
     kept: NDArray[np.intp]
-    motion: AxisMotion
+    speeds: FloatArray
 
 
 def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> FilteredRecord:
-    """What a record says of these terms.
+    """What a record says of these terms; forces and columns go through the same filters.
 
     Raises:
         IdentificationError: it is too short, or too coarse for the filters.
     """
-    motion = _differentiated(low_pass(record.position, record.step, how.cutoff, ORDER), record.step)
-    kept = _kept(record, how, motion)
-    y, x = (_thinned(record, how, values)[kept] for values in (record.force, motion.columns(terms)))
+    _bearable(record, how)
+    smooth = smoothed(record.position, record.step, how.cutoff)
+    speeds = speed(smooth, record.step)
+    kept = _kept(record, how, speeds)
+    columns = averaged_motion(record.position, smooth, record.step).columns(terms)
+    y, x = (_thinned(record, how, values)[kept] for values in (record.force, columns))
     time = np.asarray(record.start + record.step * _stride(record, how) * kept, np.float64)
-    return FilteredRecord(record, time, y, x, kept, motion)
+    return FilteredRecord(record, time, y, x, kept, speeds)
 
 
 def with_instruments(
@@ -87,40 +90,52 @@ def with_instruments(
     """
     record = one.record
     assert record.reference is not None
-    start = (float(one.motion.position[0]), float(one.motion.speed[0]))
-    motion = in_loop(loop, record.reference, start, values, gain, record.step)
-    if not np.all(np.abs(motion.position) < 1e3 * (1 + np.abs(record.position).max())):
+    start = (float(record.position[0]), float(one.speeds[0]))
+    position = in_loop(loop, record.reference, start, values, gain, record.step)
+    if not np.all(np.abs(position) < 1e3 * (1 + np.abs(record.position).max())):
         raise IdentificationError(
             record.name, "the axis runs away in the loop", "check `position_gain`, `speed_gain` and the gain's sign"
         )
-    return RegressionRows(one.y, one.x, _thinned(record, how, motion.columns(terms))[one.kept])
+    columns = averaged_motion(position, position, record.step).columns(terms)
+    return RegressionRows(one.y, one.x, _thinned(record, how, columns)[one.kept])
 
 
-def _differentiated(position: FloatArray, step: float) -> AxisMotion:
-    speed = np.gradient(position, step)
-    return AxisMotion(position, speed, np.gradient(speed, step))
+def _bearable(record: AxisRecord, how: Filtering) -> None:
+    """See that derivatives are right as far as the filter lets through."""
+    most = FINEST / record.step
+    if how.cutoff > most * (1 + 1e-6):
+        raise IdentificationError(
+            record.name,
+            f"derivatives up to {how.cutoff:g} Hz cannot be had from {1 / record.step:.4g} samples a second",
+            f"write `cutoff: {most:.3g}` or less, or record faster",
+        )
 
 
 def _stride(record: AxisRecord, how: Filtering) -> int:
     return max(round(1 / (record.step * how.rows_per_second)), 1)
 
 
+def _corners(record: AxisRecord, how: Filtering) -> list[float]:
+    """Of the filters that forces and columns go through [Hz]: the study's, and one for the rows where these are fewer."""
+    stride = _stride(record, how)
+    return [how.cutoff, *([0.4 / (stride * record.step)] if stride > 1 else [])]
+
+
 def _thinned(record: AxisRecord, how: Filtering, values: FloatArray) -> FloatArray:
-    """Every so manieth of the values, after what is above half of that rate is filtered out."""
-    stride = _stride(record, how)
-    if stride == 1:
-        return values
-    return low_pass(values, record.step, 0.4 / (stride * record.step), THINNING_ORDER)[::stride]
+    """Every so manieth of the values, after what is too fast is filtered out."""
+    for corner in _corners(record, how):
+        values = smoothed(values, record.step, corner)
+    return values[:: _stride(record, how)]
 
 
-def _kept(record: AxisRecord, how: Filtering, motion: AxisMotion) -> NDArray[np.intp]:
-    """Numbers of the rows that neither the filters' ends touch nor, as far as they reach, a speed that is too low."""
+def _kept(record: AxisRecord, how: Filtering, speeds: FloatArray) -> NDArray[np.intp]:
+    """Numbers of the rows that see neither the record's ends nor a speed that is too low; speeds are smoothed, too."""
     stride = _stride(record, how)
-    slowest = minimum_filter1d(np.abs(motion.speed), 2 * REACH * stride + 1)[::stride]
-    ends = 2 / min(how.cutoff, how.rows_per_second)
+    reach = sum(half_width(corner) for corner in (how.cutoff, *_corners(record, how))) + record.step
+    slowest = minimum_filter1d(np.abs(speeds), 2 * math.ceil(reach / record.step) + 1)[::stride]
     time = record.step * stride * np.arange(len(slowest))
     last = record.step * (len(record.position) - 1)
-    kept = np.flatnonzero((time >= ends) & (time <= last - ends) & (slowest >= how.least_speed))
+    kept = np.flatnonzero((time >= reach) & (time <= last - reach) & (slowest >= how.least_speed))
     if not len(kept):
         raise IdentificationError(
             record.name, "leaves no row", "record longer and faster, or lower `least_speed`, or raise `cutoff`"

@@ -42,25 +42,26 @@ SAME: tuple[frozenset[Term], ...] = (
 
 @dataclass(frozen=True, eq=False)
 class AxisMotion:
-    """A motion of the axis, sample by sample.
+    """A motion of the axis, on the mean about each sample.
 
     Attributes:
         position, speed, acceleration: (K,) in the position's unit, over s and s^2.
+        ahead: (K,) share in which the speed is positive.
     """
 
     position: FloatArray
     speed: FloatArray
     acceleration: FloatArray
+    ahead: FloatArray
 
     def columns(self, terms: Iterable[Term]) -> FloatArray:
         """(K, n) what each term's value is multiplied by."""
         return np.column_stack([self._column(term) for term in terms])
 
     def _column(self, term: Term) -> FloatArray:
-        q, v, a = self.position, self.speed, self.acceleration
         if term in ("inertia", "offset", "stiffness"):
-            return {"inertia": a, "offset": np.ones_like(v), "stiffness": q}[term]
-        of = v if term.startswith("viscous") else np.sign(v)
-        if term.endswith("positive"):
-            return np.where(v > 0, of, 0.0)
-        return np.where(v < 0, of, 0.0) if term.endswith("negative") else of
+            same = np.ones_like(self.ahead)
+            return {"inertia": self.acceleration, "offset": same, "stiffness": self.position}[term]
+        kind, _, side = term.partition("_")
+        ahead, back = (0.0 if side == "negative" else self.ahead), (0.0 if side == "positive" else 1 - self.ahead)
+        return np.asarray(self.speed * (ahead + back) if kind == "viscous" else ahead - back)
