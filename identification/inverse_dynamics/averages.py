@@ -71,7 +71,7 @@ def _bent(values: FloatArray) -> FloatArray:
 
 
 def _ahead(speed: FloatArray) -> FloatArray:
-    """(K,) the share of each mean in which a speed that runs along lines between samples (K,) is positive; half of rest."""
+    """(K,) the share of each mean in which a speed (K,), along lines between samples, is positive; half of rest."""
     after, before = np.append(speed[1:], speed[-1]), np.append(speed[:1], speed[:-1])
     return _half_ahead(speed, after) + _half_ahead(speed, before)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,8 @@ from identification.estimation.estimated_value import EstimatedValue, with_inter
 from identification.estimation.validation import fit
 from identification.inverse_dynamics.regression import Regression, RegressionRows, regress
 from identification.inverse_dynamics.rows import AxisRecord, FilteredRecord, prepared, with_instruments
-from identification.inverse_dynamics.study import InverseDynamicsStudy, Way
+from identification.inverse_dynamics.steadiness import Shift, shifts
+from identification.inverse_dynamics.study import Filtering, InverseDynamicsStudy, Way
 from identification.inverse_dynamics.system import AxisSystem, checked
 from identification.inverse_dynamics.terms import PASSIVE, Term
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings, split
@@ -36,11 +37,13 @@ class Regressed:
 
     Attributes:
         parameters: term -> value [unit of its parameter].
+        shifts: what becomes of the values when motions are prepared otherwise.
         rounds: of the axis run in its loop; 0 for least squares.
         settled: whether the last round changed nothing to speak of.
     """
 
     parameters: Mapping[Term, EstimatedValue]
+    shifts: tuple[Shift, ...]
     rounds: int = 0
     settled: bool = True
 
@@ -93,7 +96,9 @@ class InverseCalibration:
     @property
     def warnings(self) -> list[str]:
         """What a reader of the figures must know."""
-        return [*_indistinct(self.study), *_bounds(self), *_apart(self), *recording_warnings(self.recorded)]
+        moved = [shift.told(self.study.write, self.taken.values) for shift in self.taken.shifts]
+        own = [*_indistinct(self.study), *_bounds(self), *filter(None, moved), *_apart(self)]
+        return [*own, *recording_warnings(self.recorded)]
 
 
 def calibrate(
@@ -123,7 +128,7 @@ def calibrate(
     fitted = {trace.trace.name for trace in split(list(recorded), study.traces.hold_out)[0]}
     train = [one for one in rows if one.record.trace in fitted]
     progress(0.7, "least squares")
-    found: dict[Way, Regressed] = {"least-squares": _least_squares(train, terms, known)}
+    found: dict[Way, Regressed] = {"least-squares": _least_squares(study, train, known)}
     if study.loop is not None:
         found["instrumental"] = _instrumental(study, train, found["least-squares"], known, progress)
     return InverseCalibration(study, system, tuple(recorded), known.before, found, rows)
@@ -159,9 +164,17 @@ def _least(terms: Sequence[Term]) -> FloatArray:
     return np.array([0.0 if term in PASSIVE or term == "inertia" else -np.inf for term in terms])
 
 
-def _least_squares(rows: Sequence[FilteredRecord], terms: Sequence[Term], known: AxisSystem) -> Regressed:
-    found = regress([RegressionRows(one.y, one.x, one.x) for one in rows], _least(terms))
-    return Regressed(_estimates(found, terms, known))
+def _least_squares(study: InverseDynamicsStudy, rows: Sequence[FilteredRecord], known: AxisSystem) -> Regressed:
+    terms, least = list(study.write), _least(list(study.write))
+
+    def regressed(filtered: Iterable[FilteredRecord]) -> Regression:
+        return regress([RegressionRows(one.y, one.x, one.x) for one in filtered], least)
+
+    found = regressed(rows)
+    moved = shifts(
+        found, study.filtering, rows, lambda how: regressed(prepared(one.record, how, terms) for one in rows)
+    )
+    return Regressed(_estimates(found, moved, terms, known), moved)
 
 
 def _instrumental(
@@ -169,38 +182,51 @@ def _instrumental(
 ) -> Regressed:
     """Rounds of running the axis in its loop by the values found, and regressing with that as instruments."""
     assert study.loop is not None
-    terms, values = list(study.write), start.values
+    loop, terms, values, least = study.loop, list(study.write), start.values, _least(list(study.write))
+
+    def regressed(filtered: Iterable[FilteredRecord], how: Filtering) -> Regression:
+        return regress([with_instruments(one, how, loop, values, terms, known.gain) for one in filtered], least)
+
     for number in range(1, ROUNDS + 1):
         progress(0.7 + 0.3 * number / ROUNDS, "instrumental variables")
-        ready = [with_instruments(one, study.filtering, study.loop, values, terms, known.gain) for one in rows]
-        found = regress(ready, _least(terms))
-        estimated = _estimates(found, terms, known)
+        found = regressed(rows, study.filtering)
         change = np.abs(found.values - np.array([values[term] for term in terms]))
-        values = {term: one.value for term, one in estimated.items()}
+        _forwards(found, terms)
+        values = dict(zip(terms, found.values.tolist(), strict=True))
         settled = bool(np.all(change <= SETTLED * np.sqrt(np.diag(found.covariance))))
         if settled:
             break
-    return Regressed(estimated, number, settled)
+    moved = shifts(
+        found, study.filtering, rows, lambda how: regressed((prepared(one.record, how, terms) for one in rows), how)
+    )
+    return Regressed(_estimates(found, moved, terms, known), moved, number, settled)
 
 
-def _estimates(found: Regression, terms: Sequence[Term], known: AxisSystem) -> dict[Term, EstimatedValue]:
-    """The values with their intervals; one at the least that is feasible has none.
+def _estimates(
+    found: Regression, moved: Iterable[Shift], terms: Sequence[Term], known: AxisSystem
+) -> dict[Term, EstimatedValue]:
+    """The values with their intervals, shifts in these; one at the least that is feasible has none."""
+    _forwards(found, terms)
+    variances = np.diag(found.covariance) + sum(shift.by**2 for shift in moved)
+    stds = np.where(found.bound, np.inf, np.sqrt(variances))
+    return {
+        term: with_interval(float(value), float(std), found.freedom, known.parameter_units[term])
+        for term, value, std in zip(terms, found.values, stds, strict=True)
+    }
+
+
+def _forwards(found: Regression, terms: Sequence[Term]) -> None:
+    """See that force moves the axis its own way.
 
     Raises:
         IdentificationError: no inertia is left.
     """
-    stds = np.where(found.bound, np.inf, np.sqrt(np.diag(found.covariance)))
-    estimates = {
-        term: with_interval(float(value), float(std), found.freedom, known.parameter_units[term])
-        for term, value, std in zip(terms, found.values, stds, strict=True)
-    }
-    if not estimates["inertia"].value > 0:
+    if not found.values[terms.index("inertia")] > 0:
         raise IdentificationError(
             "write.inertia",
             "the motions ask for a negative one",
             "check the command's sign and gain, or record motions that accelerate",
         )
-    return estimates
 
 
 def _indistinct(study: InverseDynamicsStudy) -> list[str]:

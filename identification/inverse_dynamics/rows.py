@@ -115,15 +115,15 @@ def _stride(record: AxisRecord, how: Filtering) -> int:
     return max(round(1 / (record.step * how.rows_per_second)), 1)
 
 
-def _corners(record: AxisRecord, how: Filtering) -> list[float]:
-    """Of the filters that forces and columns go through [Hz]: the study's, and one for the rows where these are fewer."""
+def corners(record: AxisRecord, how: Filtering) -> list[float]:
+    """Of the filters that forces and columns go through [Hz]: the study's, and one for rows that are fewer."""
     stride = _stride(record, how)
     return [how.cutoff, *([0.4 / (stride * record.step)] if stride > 1 else [])]
 
 
 def _thinned(record: AxisRecord, how: Filtering, values: FloatArray) -> FloatArray:
     """Every so manieth of the values, after what is too fast is filtered out."""
-    for corner in _corners(record, how):
+    for corner in corners(record, how):
         values = smoothed(values, record.step, corner)
     return values[:: _stride(record, how)]
 
@@ -131,7 +131,7 @@ def _thinned(record: AxisRecord, how: Filtering, values: FloatArray) -> FloatArr
 def _kept(record: AxisRecord, how: Filtering, speeds: FloatArray) -> NDArray[np.intp]:
     """Numbers of the rows that see neither the record's ends nor a speed that is too low; speeds are smoothed, too."""
     stride = _stride(record, how)
-    reach = sum(half_width(corner) for corner in (how.cutoff, *_corners(record, how))) + record.step
+    reach = sum(half_width(corner) for corner in (how.cutoff, *corners(record, how))) + record.step
     slowest = minimum_filter1d(np.abs(speeds), 2 * math.ceil(reach / record.step) + 1)[::stride]
     time = record.step * stride * np.arange(len(slowest))
     last = record.step * (len(record.position) - 1)

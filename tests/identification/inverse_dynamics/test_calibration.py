@@ -48,10 +48,10 @@ STUDY: dict[str, Any] = {
 }
 
 
-def recorded(file: Path, axis: Axis, seed: int = 3) -> None:
+def recorded(file: Path, axis: Axis, seed: int = 3, noise: float = 2e-6) -> None:
     """A recording of this axis in its loop, with noise."""
     wanted = driven_axis.reference(20.0)
-    position, command = (rows[:, 0] for rows in driven(axis, wanted, 2e-6, 1, seed))
+    position, command = (rows[:, 0] for rows in driven(axis, wanted, noise, 1, seed))
     table = np.column_stack((np.arange(len(wanted)) * STEP, position, command, wanted))
     header = "time [s],position [m],command [V],wanted [m]"
     np.savetxt(file, table, delimiter=",", header=header, comments="")
@@ -133,6 +133,25 @@ def test_others_that_lie_outside_of_the_intervals_are_named(recordings: Path, tm
     assert any("data sheet lies outside of the 95 % intervals, in half widths: axis.mass by" in one for one in warnings)
 
 
+def test_what_noise_does_to_least_squares_is_told_and_in_the_intervals(tmp_path: Path) -> None:
+    """With the loop's instruments there is nothing to tell."""
+    recorded(tmp_path / "run0.csv", Axis(), noise=2e-5)
+    file = study(tmp_path, truth=None, take="least-squares")
+    document = calibrate(file, tmp_path)
+    (told,) = [one for one in document.summary["warnings"] if "noise of the position is in its accelerations" in one]
+    assert "with `cutoff: 24` values move: axis.mass by " in told
+    low, high = document.parameters["axis.mass"]["ci95"] or (0.0, 0.0)
+    assert low < Axis().mass < high
+    said = calibrate(study(tmp_path, truth=None), tmp_path).summary["warnings"]
+    assert not any("values move" in one for one in said)
+
+
+def test_that_values_move_where_samples_near_rest_are_left_out_is_told(tmp_path: Path) -> None:
+    recorded(tmp_path / "run0.csv", Axis())
+    warnings = calibrate(study(tmp_path, truth=None, least_speed=0, cutoff=20), tmp_path).summary["warnings"]
+    assert any("values move: axis.mass by" in one and "write `least_speed: 0.00" in one for one in warnings), warnings
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -145,6 +164,7 @@ def test_others_that_lie_outside_of_the_intervals_are_named(recordings: Path, tm
         ({"command": {"signal": "command", "input": "axis.command"}}, "N does not fit V"),
         ({"command": STUDY["command"] | {"gain": "axis.mass"}}, "N/V does not fit kg"),
         ({"cutoff": 600}, "cannot be had"),
+        ({"cutoff": 201}, "cannot be had from 1000 samples a second; write `cutoff: 200` or less, or record faster"),
         ({"least_speed": 5}, "leaves no row"),
         ({"components": {"axis": {"model": "linear_axis", "parameters": {"drive_gain": -GAIN}}}}, "negative one"),
     ],
