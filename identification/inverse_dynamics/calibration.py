@@ -168,7 +168,7 @@ def _least_squares(study: InverseDynamicsStudy, rows: Sequence[FilteredRecord], 
     terms, least = list(study.write), _least(list(study.write))
 
     def regressed(filtered: Iterable[FilteredRecord]) -> Regression:
-        return regress([RegressionRows(one.y, one.x, one.x) for one in filtered], least)
+        return regress([RegressionRows(one.y, one.x, one.x, one.kept) for one in filtered], least)
 
     found = regressed(rows)
     moved = shifts(

@@ -6,29 +6,37 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import orth
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from fmus.errors import IdentificationError
-from identification.estimation.noise import coloured
 from orchestrator.trace import FloatArray
 
 INDISTINCT = 1e-8  # singular value of columns of length 1, over the largest, below which they are not told apart
+LAGS = 40  # places over which residuals are taken to be correlated
 
 
 @dataclass(frozen=True, eq=False)
 class RegressionRows:
-    """Equations y = X theta + e of one record, evenly sampled.
+    """Equations y = X theta + e of one record.
 
     Attributes:
         y: (K,) left sides.
         x: (K, n) columns.
         z: (K, n) instruments, which have nothing to do with e; the columns themselves for least squares.
+        places: (K,) ascending numbers of the equations, between which there may be others that are left out.
     """
 
     y: FloatArray
     x: FloatArray
     z: FloatArray
+    places: NDArray[np.intp]
+
+    def laid_out(self, values: FloatArray) -> FloatArray:
+        """Values (K,) or (K, n) at their places from the first on, 0 between."""
+        out = np.zeros((int(self.places[-1] - self.places[0]) + 1, *values.shape[1:]))
+        out[self.places - self.places[0]] = values
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +58,13 @@ class Regression:
 def regress(rows: Sequence[RegressionRows], least: FloatArray) -> Regression:
     """theta = (Z^T X)^-1 Z^T y over all records, and where that is below `least` (n,) the most likely that is not.
 
-    The covariance is (Z^T X)^-1 Z^T N Z (X^T Z)^-1, N that of an autoregression fitted to the residuals.
+    The covariance is (Z^T X)^-1 Z^T N Z (X^T Z)^-1, N that of noise which is correlated like the
+    residuals over `LAGS` places.
 
     Raises:
         IdentificationError: the columns cannot be told apart, or there are too few rows.
 
-    Source: Soderstrom and Stoica 1983.
+    Source: Soderstrom and Stoica 1983; Newey and West 1987.
     """
     count = len(least)
     total = sum(len(one.y) for one in rows)
@@ -80,9 +89,29 @@ def _condition(rows: Sequence[RegressionRows], size: FloatArray) -> float:
 
 
 def _scatter(rows: Sequence[RegressionRows], values: FloatArray) -> FloatArray:
-    """(n, n) covariance of Z^T e, e an autoregression like the residuals."""
-    noise = coloured([one.y - one.x @ values for one in rows], 1, [orth(one.x) for one in rows])
-    return np.asarray(sum(one.z.T @ noise.times(one.z) for one in rows))
+    """(n, n) covariance of Z^T e, e correlated like the residuals.
+
+    Each correlation is the mean over the pairs that are there, which is unbiased, but need not leave all variances
+    positive; where it does not, they are tapered.
+    """
+    left = [one.laid_out(one.y - one.x @ values) for one in rows]
+    there = [one.laid_out(np.ones(len(one.y))) for one in rows]
+    instruments = [one.laid_out(one.z) for one in rows]
+    total, count = sum(len(one.y) for one in rows), len(values)
+    pairs = np.array([_lagged(there, there, k) for k in range(LAGS)])
+    sums = np.array([_lagged(left, left, k) for k in range(LAGS)])
+    crossed = np.array([_lagged(instruments, instruments, k) for k in range(LAGS)])
+    crossed[1:] += crossed[1:].transpose(0, 2, 1)
+    correlations = np.divide(sums, pairs, out=np.zeros(LAGS), where=pairs > 0) * total / (total - count)
+    scatter = np.tensordot(correlations, crossed, 1)
+    if np.linalg.eigvalsh(scatter)[0] <= 0:
+        scatter = np.tensordot(sums / (total - count) * (1 - np.arange(LAGS) / LAGS), crossed, 1)
+    return np.asarray(scatter)
+
+
+def _lagged(some: Sequence[FloatArray], others: Sequence[FloatArray], lag: int) -> FloatArray:
+    """Sum over records of products of what is so many places apart."""
+    return np.asarray(sum(a[: max(len(a) - lag, 0)].T @ b[lag:] for a, b in zip(some, others, strict=True)))
 
 
 def _feasible(found: Regression, least: FloatArray) -> Regression:

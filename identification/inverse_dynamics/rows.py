@@ -97,7 +97,7 @@ def with_instruments(
             record.name, "the axis runs away in the loop", "check `position_gain`, `speed_gain` and the gain's sign"
         )
     columns = averaged_motion(position, position, record.step).columns(terms)
-    return RegressionRows(one.y, one.x, _thinned(record, how, columns)[one.kept])
+    return RegressionRows(one.y, one.x, _thinned(record, how, columns)[one.kept], one.kept)
 
 
 def _bearable(record: AxisRecord, how: Filtering) -> None:
