@@ -7,7 +7,7 @@ backwards become one through `stamps.ordered`, which says what it had to do.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -312,8 +312,11 @@ def check_file(path: Path) -> None:
         raise TraceError(path, "is empty", "record or export it again")
 
 
-def usable(trace: Trace, names: Sequence[str]) -> Trace:
-    """The trace, once these signals are seen to be finite and not constant.
+def usable(trace: Trace, names: Sequence[str], resting: Collection[str] = (), fix: str = "") -> Trace:
+    """The trace, once these signals are seen to be finite and not constant, but for those that may rest.
+
+    Args:
+        fix: what else there is to do about one that is constant.
 
     Raises:
         TraceError: there are no samples, or a signal is missing, has a NaN, or never changes.
@@ -325,8 +328,9 @@ def usable(trace: Trace, names: Sequence[str]) -> Trace:
         if name in trace.texts:
             raise TraceError(f"{trace.name}.{name}", "holds text, not numbers", "choose another signal")
         require_finite(trace, name)
-        if np.all(values == values[0]):
-            raise TraceError(f"{trace.name}.{name}", f"is constant ({values[0]:g})", "check the column's number")
+        if name not in resting and np.all(values == values[0]):
+            told = f"check the column's number{fix}"
+            raise TraceError(f"{trace.name}.{name}", f"is constant ({values[0]:g})", told)
     return trace
 
 

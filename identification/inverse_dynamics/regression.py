@@ -78,8 +78,9 @@ def regress(rows: Sequence[RegressionRows], least: FloatArray) -> Regression:
         raise IdentificationError("write", "has terms that the motions do not tell apart", "write fewer")
     values = np.asarray(np.linalg.solve(crossed, sum(one.z.T @ one.y for one in rows)), np.float64)
     inverse = np.linalg.inv(crossed)
-    covariance = inverse @ _scatter(rows, values) @ inverse.T
-    return _feasible(Regression(values, covariance, total - count, (False,) * count), least)
+    unbiased, tapered = (inverse @ scatter @ inverse.T for scatter in _scatters(rows, values))
+    covariance = unbiased if np.all(np.diag(unbiased) > 0) else tapered
+    return _feasible(Regression(values, covariance, total - count, (False,) * count), tapered, least)
 
 
 def _condition(rows: Sequence[RegressionRows], size: FloatArray) -> float:
@@ -88,11 +89,11 @@ def _condition(rows: Sequence[RegressionRows], size: FloatArray) -> float:
     return float(singular[-1] / singular[0])
 
 
-def _scatter(rows: Sequence[RegressionRows], values: FloatArray) -> FloatArray:
-    """(n, n) covariance of Z^T e, e correlated like the residuals.
+def _scatters(rows: Sequence[RegressionRows], values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, n) covariances of Z^T e, e correlated like the residuals.
 
-    Each correlation is the mean over the pairs that are there, which is unbiased, but need not leave all variances
-    positive; where it does not, they are tapered.
+    By correlations that are means over the pairs that are there, which is unbiased, but may leave variances negative; and
+    by tapered ones, which does not.
     """
     left = [one.laid_out(one.y - one.x @ values) for one in rows]
     there = [one.laid_out(np.ones(len(one.y))) for one in rows]
@@ -103,10 +104,9 @@ def _scatter(rows: Sequence[RegressionRows], values: FloatArray) -> FloatArray:
     crossed = np.array([_lagged(instruments, instruments, k) for k in range(LAGS)])
     crossed[1:] += crossed[1:].transpose(0, 2, 1)
     correlations = np.divide(sums, pairs, out=np.zeros(LAGS), where=pairs > 0) * total / (total - count)
-    scatter = np.tensordot(correlations, crossed, 1)
-    if np.linalg.eigvalsh(scatter)[0] <= 0:
-        scatter = np.tensordot(sums / (total - count) * (1 - np.arange(LAGS) / LAGS), crossed, 1)
-    return np.asarray(scatter)
+    tapered = sums / (total - count) * (1 - np.arange(LAGS) / LAGS)
+    unbiased, positive = (np.asarray(np.tensordot(one, crossed, 1)) for one in (correlations, tapered))
+    return unbiased, positive
 
 
 def _lagged(some: Sequence[FloatArray], others: Sequence[FloatArray], lag: int) -> FloatArray:
@@ -114,12 +114,12 @@ def _lagged(some: Sequence[FloatArray], others: Sequence[FloatArray], lag: int) 
     return np.asarray(sum(a[: max(len(a) - lag, 0)].T @ b[lag:] for a, b in zip(some, others, strict=True)))
 
 
-def _feasible(found: Regression, least: FloatArray) -> Regression:
-    """The values from `least` up that are the nearest in the metric of the covariance."""
+def _feasible(found: Regression, covariance: FloatArray, least: FloatArray) -> Regression:
+    """The values from `least` up that are the nearest in the metric of this covariance (n, n)."""
     if np.all(found.values >= least):
         return found
-    scale = np.sqrt(np.diag(found.covariance))
-    root = np.linalg.cholesky(np.linalg.pinv(found.covariance / np.outer(scale, scale), hermitian=True)).T
+    scale = np.sqrt(np.diag(covariance))
+    root = np.linalg.cholesky(np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True)).T
     nearest = lsq_linear(root, root @ (found.values / scale), (least / scale, np.inf), method="bvls").x * scale
     bound = tuple(bool(one) for one in nearest <= least + 1e-9 * scale)
     return Regression(np.maximum(nearest, least), found.covariance, found.freedom, bound)

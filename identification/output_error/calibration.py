@@ -24,7 +24,7 @@ from identification.output_error.shooting.shooting import shoot
 from identification.output_error.shooting.shots import Shots, cut
 from identification.output_error.shooting.states import SettableState, states
 from identification.output_error.simulator import SystemFactory
-from identification.output_error.start_values import UnreadStart, start_warnings, unread_starts
+from identification.output_error.start_values import UnreadStart, resting_inputs, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy, WindowSpec
 from identification.output_error.times.rates import rate_warnings
 from identification.output_error.windows import (
@@ -108,7 +108,7 @@ class Calibration:
             fitted ones where there are none).
         system: the FMUs as they were before.
         wired: how values pass through the connections.
-        starts: sentences about windows that begin elsewhere than their free runs.
+        starts: sentences about windows that begin elsewhere than their free runs, and about inputs that rest.
         stopped: why there is less than was asked for; nothing where the calibration came to its end.
         choice: how it came to be chosen among candidates, where there were some.
         picked: how windows were chosen, where the recordings do.
@@ -219,7 +219,8 @@ class PreparedStudy:
         study = self.study
         judged = Judged(study.outputs, self.train, found.simulated, found.fit)
         fitted, _ = split(list(self.recorded), study.traces.hold_out)
-        starts = tuple(start_warnings(study, self.unread, [trace.trace for trace in fitted], self.train))
+        traces = [trace.trace for trace in fitted]
+        starts = (*start_warnings(study, self.unread, traces, self.train), *resting_inputs(study, traces))
         return Calibration(
             study,
             self.system,

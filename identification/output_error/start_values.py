@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmus.units import conversion
+from fmus.words import listed
 from identification.output_error.study import HALF_WIDTH, OutputErrorStudy
 from identification.output_error.windows import FreeRunWindow
 from orchestrator.fmi.interface import Port
@@ -39,6 +40,13 @@ class UnreadStart:
     derivative: int
     factor: float
     own: bool
+
+
+def resting_inputs(study: OutputErrorStudy, traces: Sequence[Trace]) -> Iterator[str]:
+    """A sentence about each input that rests in recordings, which are of what was let go."""
+    for name, spec in study.run.inputs.items():
+        if rest := [trace.name for trace in traces if not np.ptp(trace[spec.signal])]:
+            yield f"inputs.{name} rests in {listed(rest, 3)}: there only ratios of what moves freely are told, no gains"
 
 
 def unread_starts(study: OutputErrorStudy, system: System) -> list[UnreadStart]:

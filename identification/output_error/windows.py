@@ -132,7 +132,7 @@ def cut_windows(
             marked.append(recorded)
             continue
         require_known(recorded.excluded_as, [left], run.signals)
-        usable(left, run.signals)
+        _usable(run, left)
         trace = replace(named, name=recorded.trace.name)
         placing = windows.sampled(trace.interval, run.step)
         if isinstance(windows.length, Samples):
@@ -185,6 +185,15 @@ def length_warnings(step: Fraction, windows: WindowSpec, traces: Sequence[Trace]
                 f"which whole steps make {steps:g} s"
             )
     return said
+
+
+def _usable(run: FreeRunSpec, trace: Trace) -> None:
+    """See that outputs move; inputs may rest where a run begins as it was recorded, as a body that is let go does."""
+    driving = {spec.signal for spec in run.inputs.values()} - set(run.compared)
+    moving = [name for name in run.signals if name not in driving]
+    usable(trace, moving)
+    let_go = ", or, where it is let go, say in `initial` what it begins with"
+    usable(trace, sorted(driving), driving if run.initial else (), let_go)
 
 
 def _typed(name: str, value: Value, port: Port | None) -> Value:
