@@ -92,7 +92,7 @@ def _condition(rows: Sequence[RegressionRows], size: FloatArray) -> float:
 def _scatters(rows: Sequence[RegressionRows], values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n, n) covariances of Z^T e, e correlated like the residuals.
 
-    By correlations that are means over the pairs that are there, which is unbiased, but may leave variances negative; and
+    By correlations that are means over pairs that are there, which is unbiased, but may leave variances negative; and
     by tapered ones, which does not.
     """
     left = [one.laid_out(one.y - one.x @ values) for one in rows]

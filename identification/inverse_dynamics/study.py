@@ -36,7 +36,7 @@ class Filtering:
     """How motions are made of a recorded position.
 
     Attributes:
-        cutoff: of the low-pass that forces and motions go through, where half passes, a fifth of their rate at most [Hz].
+        cutoff: of the low-pass that forces and motions go through, where half passes [Hz]; at most a fifth of the rate.
         rows_per_second: of the regression; forces and columns are brought down to it through another low-pass.
         least_speed: samples that are slower are left out: dry friction at rest is anything up to its size.
     """
