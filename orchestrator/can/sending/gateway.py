@@ -169,17 +169,16 @@ class _Work:
         until = time.monotonic() + _CONFIRMING
         frames = self._end.frames(len(self._lines))
         refused = [(number, frame) for number, frame in frames if not self._give_last(number, frame, until)]
-        for number, frame in refused:
-            self._lines[number].link.insist(frame)
+        refused = [(number, frame) for number, frame in refused if not self._lines[number].link.insist(frame)]
         while (open_ := self._not_out(frames)) and time.monotonic() < until:
             time.sleep(_LOOK)
         for line in open_:
             line.link.stay()
         time.sleep(_LINGERING)
-        waiting = [_text(frame) for number, frame in frames if self._lines[number] in open_]
+        waiting = [_text(one[1]) for one in frames if self._lines[one[0]] in open_ and one not in refused]
         said = [f"and was NOT followed by {', '.join(_text(frame) for _, frame in refused)}"] if refused else []
-        full = " and ".join(line.name for line in open_)
-        return "; ".join(said + ([f"and {', '.join(waiting)} may not have got out: {full} is full"] if waiting else []))
+        why = " and ".join(f"{line.name} {'is full' if line.waits else 'has stopped to answer'}" for line in open_)
+        return "; ".join(said + ([f"and {', '.join(waiting)} may not have got out: {why}"] if waiting else []))
 
     def report(self) -> Passed:
         """What has passed."""

@@ -68,9 +68,9 @@ class LastFrames:
         if problems:
             problem = f"ended, and was NOT followed by {' and '.join(problems)}"
         elif kept:
-            full = " and ".join(self._channels[number].settings.place for number in kept)
-            pending = ", and the adapter sends it when it has room" if {*kept} <= {*staying} else ""
-            problem = f"ended, and {', '.join(self.sent)} may not have got out: {full} is full{pending}"
+            why = " and ".join(map(self._why, kept))
+            pending = ", and the adapter sends it when it can" if {*kept} <= {*staying} else ""
+            problem = f"ended, and {', '.join(self.sent)} may not have got out: {why}{pending}"
         else:
             return
         raise BusError(place, problem, "stop the machine otherwise")
@@ -87,6 +87,11 @@ class LastFrames:
                 break
             time.sleep(_NAP)
         return left
+
+    def _why(self, number: int) -> str:
+        """Why something waits on a bus."""
+        stopped = self._backlogs[number].empty()
+        return f"{self._channels[number].settings.place} {'has stopped to answer' if stopped else 'is full'}"
 
     def _make_room(self, number: int) -> None:
         """Have an adapter forget what it has not sent, where it can."""

@@ -373,3 +373,70 @@ def test_whatever_goes_wrong_no_blind_command_goes_out(
                 assert now - stepped <= most_late + STEP + 2 * period
     traffic.end(2.0)
     assert struct.unpack_from("<i", bus.sent[-1].data)[0] == 0
+
+
+SOURCES = ("page", "target", "voltage")  # inputs: of the pages 0 and 1 of one message, and of another
+GROUPS = {"angle": ("page", "voltage"), "speed": ("target", "voltage")}  # outputs, and without which inputs they rest
+SPELL = st.tuples(
+    st.sets(st.sampled_from([*SOURCES, "short pages"])),
+    st.sampled_from(["", "late", "hangs", "angle"]),
+    st.integers(20, 250),
+)
+
+
+@pytest.mark.slow
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(spells=st.lists(SPELL, min_size=1, max_size=5), latched=st.booleans())
+def test_each_output_rests_by_its_own_inputs_and_steps_whatever_goes_wrong_at_once(
+    rig: Database, spells: list[tuple[set[str], str, int]], latched: bool
+) -> None:
+    """Ticks of 1 ms; good frames come every 10 ms, pages in turn, but for those that are taken away."""
+    bus, silence, after, most_late, period = ScriptedBus(), 0.1, 0.1, 0.05, 0.002
+    signals = dict(zip(SOURCES, ("first", "second", "Command.voltage"), strict=True))
+    changes = {
+        "receive": {f"rig.{name}": {"signal": signal, "safe": 0} for name, signal in signals.items()},
+        "send": {
+            output: {"source": f"rig.{output}", "safe": 0, "while": [f"rig.{name}" for name in needs]}
+            for output, needs in GROUPS.items()
+        },
+        "every": {"State": period},
+        "resume": "latch" if latched else "auto",
+    }
+    traffic = on(bus, rig, [], ANY, **changes | {"silence": silence, "most_late": most_late})
+    heard, stepped = dict.fromkeys(SOURCES, -math.inf), 0.0
+    bad, ran, fell = dict.fromkeys(GROUPS, 0.0), dict.fromkeys(GROUPS, False), dict.fromkeys(GROUPS, False)
+    begun: list[tuple[set[str], str, int]] = [(set(), "", 30)]
+    whole = ((gone, steps) for gone, steps, ticks in begun + spells for _ in range(ticks))
+    for tick, (gone, steps) in enumerate(whole):
+        now = tick * STEP
+        if tick % 10 == 0:
+            page = tick // 10 % 2
+            if SOURCES[page] not in gone:
+                bus.waiting.append(frame(260, struct.pack("<BHxxxxx", page, 5)[: 2 if "short pages" in gone else 8]))
+                heard[SOURCES[page]] = heard[SOURCES[page]] if "short pages" in gone else now
+            if "voltage" not in gone:
+                bus.waiting.append(frame(257, struct.pack("<hH", 500, 0)))
+                heard["voltage"] = now
+        traffic.receive(now)
+        before = len(bus.sent)
+        if steps == "hangs":
+            traffic.watch(now)
+        else:
+            traffic.send(tick, [math.nan if steps == "angle" else 1.0, 1.0], now, 0.1 * (steps == "late"))
+            stepped = now
+        for output, needs in GROUPS.items():
+            late = steps == "late" or now - stepped > STEP + most_late
+            if late or (steps == output) or any(now - heard[name] > silence for name in needs):
+                bad[output], fell[output] = now, fell[output] or ran[output]
+        for message in bus.sent[before:]:
+            values = dict(zip(GROUPS, struct.unpack_from("<ih", message.data), strict=True))
+            for output, needs in GROUPS.items():
+                ran[output] = ran[output] or values[output] != 0
+                good = now - bad[output]
+                if values[output]:
+                    assert all(now - heard[name] <= silence + 2 * period + 1e-9 for name in needs)
+                    assert not fell[output] or (good >= after - 2 * period and not latched)
+                elif all(math.isfinite(heard[name]) for name in needs):
+                    assert good <= after + 2 * period + 1e-9 or (latched and fell[output])
+    traffic.end(9.0)
+    assert struct.unpack_from("<ih", bus.sent[-1].data) == (0, 0)

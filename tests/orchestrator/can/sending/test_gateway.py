@@ -24,7 +24,8 @@ from orchestrator.can.sending.routes import AGAINST, BOTH, MOST, NOT_CHOSEN, REN
 from orchestrator.can.sending.selection import EVERYTHING, MessageSelection
 from orchestrator.can.slcan.hub import hub_process
 from tests.support.can.can_samples import DBC
-from tests.support.can.wiring import HANG, command, frame, heard, joined, number, until_said
+from tests.support.can.scripted_adapter import ScriptedAdapter, willing
+from tests.support.can.wiring import HANG, command, frame, heard, joined, number, until_said, wait_for
 
 NAMES = {0: "can0", 1: "can1"}
 
@@ -217,6 +218,25 @@ def test_a_bus_that_is_lost_ends_it_with_the_counts_and_the_safe_end_on_the_othe
     assert process.returncode == 3
     assert "is lost (the adapter is gone" in said and "1 and 0 frames had passed" in said
     assert "NOT followed by 300#00" in said
+
+
+@pytest.mark.slow
+def test_of_an_adapter_that_has_stopped_to_answer_it_is_not_said_that_its_bus_is_full() -> None:
+    with ScriptedAdapter() as near, ScriptedAdapter() as far:
+        arguments = ["--interface", "slcan", "--channel", near.path, "--channel", far.path]
+        with command("can", "gateway", *arguments, "--bitrate", 500_000, "--end-with", "300#00") as process:
+            until_said(process, "passing frames")
+            near.say(b"t1001AA\r")
+            wait_for(lambda: far.frames)
+            far.answer = lambda line: b"" if line[:1] == b"t" else willing(line)
+            near.say(b"t1001BB\r" * 3)
+            wait_for(lambda: len(far.frames) > 3)
+            time.sleep(0.2)
+            process.send_signal(signal.SIGTERM)
+            _, said = process.communicate(timeout=HANG)
+    told = " ".join(said.split())
+    assert process.returncode == 3 and "300#00 may not have got out" in told and "has stopped to answer" in told
+    assert "is full" not in told
 
 
 @pytest.mark.slow

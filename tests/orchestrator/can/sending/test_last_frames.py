@@ -69,6 +69,18 @@ def test_on_a_bus_with_room_all_gets_out_in_order() -> None:
     assert (adapter.done, adapter.stays, last.sent, last.dropped) == (["100"], False, ["100#0000"], 0)
 
 
+class Doubtful(Staying):
+    """One that has never said whether it took the latest frame."""
+
+    doubtful = True
+
+
+def test_a_last_frame_that_the_adapter_never_answered_to_is_in_doubt() -> None:
+    adapter = Doubtful()
+    with pytest.raises(BusError, match="may not have got out: slcan:port has stopped to answer"):
+        last_frames(adapter, full=False).send("log")
+
+
 @pytest.mark.slow
 def test_on_a_full_bus_what_waits_is_forgotten_and_the_last_frame_is_left_with_the_adapter() -> None:
     adapter = Staying()
