@@ -10,7 +10,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from fmus.errors import FmuError, IdentificationError, TangentsMissing
@@ -80,9 +79,7 @@ class Pool(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, kind: type | None, /, *_: object) -> None: ...
 
 
 def open_pool(factory: Factory, processes: int, isolation: Isolation | None = None) -> Pool:
@@ -115,9 +112,7 @@ class LocalPool:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._simulator.close()
 
 
@@ -145,10 +140,8 @@ class ProcessPool:
         self._processes.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._processes.__exit__(kind, error, trace)
+    def __exit__(self, kind: type | None, *_: object) -> None:
+        self._processes.__exit__(kind)
 
     @property
     def pids(self) -> list[int | None]:

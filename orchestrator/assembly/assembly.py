@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache, partial
 from pathlib import Path
-from types import TracebackType
 
 from fmus import library
 from fmus.errors import WiringError
@@ -309,7 +308,7 @@ class OpenSystem:
     def __enter__(self) -> OpenSystem:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

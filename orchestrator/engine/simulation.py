@@ -8,7 +8,6 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from time import perf_counter
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
@@ -275,7 +274,7 @@ class Simulation:
     def __enter__(self) -> Simulation:
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _steps(self, stop: Fraction) -> int:

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, NoReturn
 
 from orchestrator.processes import last_words
@@ -118,7 +118,7 @@ class Interrupts:
         _active.append(self)
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         _active.remove(self)
         self._stop_waiting()
         sys.unraisablehook = self._hook

@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from multiprocessing.connection import wait
 from time import monotonic
-from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
 from orchestrator.processes.child import PATIENCE, Child, Died, Watch, context_of
@@ -133,9 +132,7 @@ class Processes(Generic[T, A]):
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type | None, *_: object) -> None:
         self._stop(PATIENCE if kind is None else 0.0)
 
     def _stop(self, patience: float) -> None:

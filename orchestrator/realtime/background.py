@@ -30,7 +30,7 @@ class Background:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type | None, error: BaseException | None, traceback: object) -> None:
+    def __exit__(self, kind: type | None, *_: object) -> None:
         self._jobs.put(None)
         self._thread.join()
         if kind is None:
