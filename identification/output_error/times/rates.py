@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from identification.output_error.times.delays import HeldCommand
+from identification.signals.resolution import resolution
 from orchestrator.trace import FloatArray, Trace
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from identification.recordings.campaign import StudyTrace
 
 _MUCH = 0.05  # of an input's spread, rms over the steps
+_CHANGES = 20  # from which on it is told whether each lasts
 _COARSE = 1.5  # steps between samples, from which lines between them are compared
 
 
@@ -24,7 +26,7 @@ def rate_warnings(run: FreeRunSpec, recorded: Sequence[StudyTrace], windows: Seq
 
     Of an input the value at the beginning of each step counts, along lines between samples; that is held against the
     exact means of samples that hold until the next. Outputs are compared along lines, which cut their curves by about
-    an eighth of the second difference.
+    an eighth of the second difference. One that holds its values over several samples of its file is late.
     """
     step = float(run.step)
     own = {one.trace.name: [w for w in windows if w.trace == one.trace.name] for one in recorded}
@@ -52,6 +54,14 @@ def rate_warnings(run: FreeRunSpec, recorded: Sequence[StudyTrace], windows: Seq
                 f"{step:g} s, along lines that cut its curves by about {100 * much:.2g} % of its spread, which shifts "
                 f"estimates: let `step` be {trace.interval:.3g} s, with `interpolation` of the inputs"
             )
+        fine = [one.trace for one in traces if not one.held and not output.stepwise]
+        trace, samples = _worst({one: _held_for(one[output.signal]) for one in fine})
+        if trace is not None and samples > 1:
+            yield (
+                f"outputs.{name}: {output.signal} of {trace.name} has a new value only every {samples:.0f} samples and "
+                f"holds it between, late by {(samples - 1) / 2 * trace.interval:.2g} s on average, which shifts "
+                f"estimates: record it at its own rate, or let `step` be {samples * trace.interval:.3g} s"
+            )
 
 
 def _worst(off: Mapping[Trace, float]) -> tuple[Trace | None, float]:
@@ -69,6 +79,15 @@ def _missed(trace: Trace, signal: str, windows: Sequence[FreeRunWindow], step: f
     had, due = np.concatenate(taken), np.concatenate(means)
     spread = float(max(had.std(), due.std()))
     return float(np.sqrt(np.mean((had - due) ** 2))) / spread if spread else 0.0
+
+
+def _held_for(values: FloatArray) -> float:
+    """For how many samples each new value stays, at least; 1 where values come from an encoder that counts slowly."""
+    changes = np.flatnonzero(np.diff(values))
+    moved = np.abs(np.diff(values)[changes])
+    if len(changes) < _CHANGES or np.median(moved) < 1.5 * resolution(values):
+        return 1.0
+    return float(np.diff(changes).min())
 
 
 def _cut(trace: Trace, signal: str, windows: Sequence[FreeRunWindow]) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from identification.output_error.times.rates import rate_warnings
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace
-from orchestrator.trace import Trace
+from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import calibrated, plain_study, record, write_study
 
 
@@ -50,6 +52,27 @@ def test_an_input_and_an_output_that_are_drawn_along_lines_are_told_with_what_th
     cut = (rate * 0.05) ** 2 / 8  # of a sine's curve in the middle between samples, in its size
     assert f"is compared every 0.01 s, along lines that cut its curves by about {100 * cut:.2g} %" in compared
     assert told(0.05, 0.01, rate, interpolation="hold") == [compared]
+
+
+@pytest.mark.parametrize("samples", [2, 5])
+def test_an_output_that_holds_its_values_over_several_samples_is_told_with_how_late_it_is(samples: int) -> None:
+    """An encoder that counts slowly, or every sample anew, is not, and neither are frames, which have stamps."""
+    fine = recorded(0.01)
+    asked = plain_study(step=0.01, windows={"length": 2}, initial={})
+
+    def said(angle: FloatArray, **changes: Any) -> list[str]:
+        one = replace(fine, trace=replace(fine.trace, signals={**fine.trace.signals, "angle": angle}), **changes)
+        return list(rate_warnings(asked.run, [one], cut_windows(asked.run, [one], asked.windows)))
+
+    angle = fine.trace["angle"]
+    held = np.repeat(angle[::samples], samples)[: len(angle)]
+    [line] = said(held)
+    assert f"angle of 0.01 has a new value only every {samples} samples" in line
+    assert f"late by {(samples - 1) / 2 * 0.01:.2g} s on average" in line
+    assert f"let `step` be {samples * 0.01:.3g} s" in line
+    assert said(held, held=True) == []
+    assert said(np.round(angle, 1)) == []
+    assert said(angle) == []
 
 
 def test_a_calibration_tells_of_steps_finer_than_its_samples(tmp_path: Path) -> None:
