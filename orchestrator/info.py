@@ -263,7 +263,10 @@ def _about_texts(trace: Trace, name: str) -> InfoDocument:
 
 
 def _cell(trace: Trace, name: str, row: int) -> float | str | None:
-    return trace.words(name)[row] if name in trace.texts else _finite(trace[name][row])
+    if name in trace.texts:
+        return trace.words(name)[row]
+    value = float(trace[name][row])
+    return str(value) if math.isinf(value) else None if math.isnan(value) else value
 
 
 def _about_reading(recording: formats.Recording) -> InfoDocument:
@@ -339,8 +342,3 @@ def _document(place: Path, text: bytes) -> dict[str, object]:
     if not isinstance(document, dict):
         raise InputError(place, "holds no JSON object", "run the command again")
     return document
-
-
-def _finite(value: float) -> float | None:
-    """The value, None for one that JSON cannot hold."""
-    return float(value) if math.isfinite(value) else None

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fmus.errors import InputError, TraceError
+from fmus.units import ONE
 from orchestrator.comparison.sides import Side
 from orchestrator.crossing import Crossing, crossing, logged, named, quantity
 from orchestrator.measures import Parting, partings, together
@@ -114,7 +115,7 @@ def compare_sides(one: Side, other: Side, tolerance: Tolerance) -> Comparison:
         ours, theirs = _alike(a.select(signals), b.select(signals))
         converted, crossed = _converted(ours, theirs, other.name)
         crossings += crossed
-        notes += _unheld(name, one, other, ours, converted)
+        notes += _in_one_unit_alone(name, one, other, ours, theirs) + _unheld(name, one, other, ours, converted)
         if text := next((own for own in tolerance.within if own in ours.texts), None):
             raise InputError(f"--within {text}", "is text, of which nothing is tolerated", "leave it out")
         tolerances = {own: 0.0 if own in ours.texts else tolerance.of(own, ours, converted) for own in signals}
@@ -154,6 +155,17 @@ def _durations(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[st
         return []
     words = ", ".join(f"{name} from {start:g} to {stop:g} s" for name, start, stop in spans)
     return [f"case {case}: compared where both are: {words}"]
+
+
+def _in_one_unit_alone(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[str]:
+    """What is assumed of signals that have a unit on one side only."""
+    told = []
+    for signal in a.numbers.names:
+        units = [(one.name, a.unit(signal) or ""), (other.name, b.unit(signal) or "")]
+        (with_unit, unit), (without, none) = sorted(units, key=lambda side: not side[1])
+        if not none and named(unit).unit not in (None, ONE):
+            told.append(f"case {case}: {signal} has no unit of {without}, and is taken in {unit} as of {with_unit}")
+    return told
 
 
 def _unheld(case: str, one: Side, other: Side, a: Trace, b: Trace) -> list[str]:

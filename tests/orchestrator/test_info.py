@@ -51,6 +51,14 @@ def test_an_fmu_shows_its_variables_with_start_value_and_unit(hand: Path) -> Non
     assert document["defaults from resources"] and "calibrated by" not in document
 
 
+def test_first_rows_show_what_is_infinite_and_leave_what_is_missing(tmp_path: Path) -> None:
+    (tmp_path / "holes.csv").write_text("time,x\n0,inf\n1,\n2,-inf\n3,5\n")
+    document: Any = about(tmp_path / "holes.csv")
+    assert [row["x"] for row in document["rows"]] == ["inf", None, "-inf", 5.0]
+    assert [(one["infinite"], one["missing"]) for one in document["signals"]] == [(2, 1)]
+    json.dumps(document, allow_nan=False)
+
+
 def test_what_is_doubtful_of_an_fmu_is_shown(tmp_path: Path) -> None:
     files = archive.read(gain())
     text = files["modelDescription.xml"].replace(b'stepSize="', b'tolerance="0" stepSize="', 1)

@@ -55,6 +55,14 @@ def sides(one: Trace, other: Trace) -> tuple[Side, Side]:
     return Side("one", {"a": one}), Side("other", {"b": other})
 
 
+@pytest.mark.parametrize(("unit", "other", "told"), [("rad", "", 1), ("", "rad", 1), ("1", "", 0), ("", "", 0)])
+def test_a_unit_that_one_side_alone_has_is_told_with_what_is_assumed(unit: str, other: str, told: int) -> None:
+    comparison = compare_sides(*sides(trace(unit, angle=TIME), trace(other, angle=TIME)), Tolerance())
+    without = "other" if unit else "one"
+    said = f"case a: angle has no unit of {without}, and is taken in rad as of {'one' if unit else 'other'}"
+    assert comparison.agree and list(comparison.notes) == [said] * told
+
+
 def test_the_signal_that_parts_first_is_named_with_its_time_and_by_what() -> None:
     late, early = np.where(TIME > 0.7, 1.0, 0.0), np.where(TIME > 0.3, 0.01, 0.0)
     zero = np.zeros(101)
