@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import FmuError
+from fmus.errors import FmuError, WiringError
+from fmus.words import with_article
 from identification.built_system import BuiltSystem
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import Parameter, ParameterSet
@@ -369,6 +370,10 @@ def _checked(
                 must_be(system, name, "parameter", key)
         for parameter in parameters.parameters:
             if parameter.name not in delays:
+                kind = system.port(Endpoint.parse(study.variable(parameter.name)))
+                if not (kind.real or parameter.fixed):
+                    problem = f"is {with_article(kind.type)}, and what is estimated is a real number"
+                    raise WiringError(f"parameters.{parameter.name}", problem, "give its component a value")
                 for value in filter(math.isfinite, (parameter.start, parameter.lower, parameter.upper)):
                     check_values(system, {study.variable(parameter.name): value})
         for values in study.compare.values():

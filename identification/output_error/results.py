@@ -8,6 +8,7 @@ from typing import NotRequired
 
 from typing_extensions import TypedDict
 
+from identification.fits import FitSummary
 from identification.method import Calibrated
 from identification.output_error.calibration import Calibration
 from identification.output_error.choice.summary import ChoiceSummary
@@ -176,6 +177,16 @@ class OutputErrorSummary(Summary):
     windows: NotRequired[WindowsSummary]
 
 
+def _below_means(train: FitSummary) -> list[str]:
+    """A sentence about each output that the best fit follows less than a constant would."""
+    return [
+        f"{name} is followed less well than by its own mean (FIT {fit:.2g}): the signal may be another one, of the "
+        "other sign, or in another unit, or the model is not what was recorded"
+        for name, fit in train.get("outputs", {}).items()
+        if fit is not None and fit < 0
+    ]
+
+
 def summary(calibration: Calibration) -> OutputErrorSummary:
     """The calibration as `summary.json` holds it; what is not determined is null."""
     study, found = calibration.study, calibration.estimate
@@ -202,7 +213,7 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         "data": data_summary(calibration.recorded, study.traces.hold_out),
         "units": documents_of(calibration.crossings),
         "versions": versions(),
-        "warnings": [*calibration.warnings, *latency_notes(calibration)],
+        "warnings": [*calibration.warnings, *_below_means(calibration.train.summary), *latency_notes(calibration)],
         "verdict": calibration_verdict(calibration),
     }
     if calibration.choice is not None:

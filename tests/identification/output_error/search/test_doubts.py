@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fmus.errors import FmuError
+from fmus.errors import FmuError, InputError
+from identification.calibrate import calibrate
 from identification.estimation.parameters import Parameter
 from identification.output_error.search.doubts import parameter_warnings
 from identification.output_error.search.estimator import estimate
 from tests.support.identification.closed_form import Oscillator
 from tests.support.identification.decays import TIGHT, decays
+from tests.support.simulation.ssps import gain
 
 
 class Once(Oscillator):
@@ -62,3 +67,39 @@ def test_windows_that_are_there_twice_leave_intervals_as_wide_and_that_is_told(c
     told = "windows overlap, a sample is in 2 of them on average: intervals are 1.4 times as wide"
     assert any(warning.startswith(told) for warning in both.warnings)
     assert not any("overlap" in warning for warning in alone.warnings)
+
+
+def gain_study(folder: Path, sign: int, parameter: str, **block: Any) -> Path:
+    """A study of y = k u + b, recorded with k = 3 and y of this sign."""
+    time = np.arange(0, 6, 0.01)
+    table = np.column_stack((time, np.sin(time), sign * 3 * np.sin(time)))
+    np.savetxt(folder / "run.csv", table, delimiter=",", header="time,u,y", comments="")
+    document = {
+        "title": "a gain",
+        "method": "output-error",
+        "components": {"g": {"fmu": str(gain())}},
+        "step": 0.01,
+        "traces": {"files": "run.csv"},
+        "inputs": {"g.u": {"signal": "u"}},
+        "outputs": {"g.y": {"signal": "y"}},
+        "windows": {"length": 2},
+        "parameters": {parameter: {"min": 0.1, "max": 10, **block}},
+    }
+    (folder / "study.yaml").write_text(json.dumps(document))
+    return folder / "study.yaml"
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize(("sign", "told"), [(1, False), (-1, True)])
+def test_a_signal_of_the_other_sign_is_told_as_one_that_its_mean_follows_better(
+    tmp_path: Path, sign: int, told: bool
+) -> None:
+    warnings = calibrate(gain_study(tmp_path, sign, "g.k", start=1)).summary["warnings"]
+    assert any("g.y is followed less well than by its own mean (FIT -" in line for line in warnings) is told
+
+
+@pytest.mark.parametrize(("name", "kind"), [("n", "an Integer"), ("on", "a Boolean"), ("mode", "an Enumeration")])
+def test_what_is_no_real_number_is_not_estimated(tmp_path: Path, name: str, kind: str) -> None:
+    said = rf"parameters\.g\.{name}: is {kind}, and what is estimated is a real number; give its component a value"
+    with pytest.raises(InputError, match=said):
+        calibrate(gain_study(tmp_path, 1, f"g.{name}", start=1))
