@@ -114,6 +114,8 @@ class LastFrames:
                 channel.bus.insists = channel.bus.stays = True  # type: ignore[attr-defined]
                 with suppress(can.CanError):
                     channel.bus.send(message, timeout=0.0)
+                    self.sent.append(name)
+                    return ""
             return f"{name} on {channel.settings.place} ({error})"
         self._backlogs[number].sent(message, time.monotonic())
         self.sent.append(name)

@@ -69,6 +69,26 @@ def test_on_a_bus_with_room_all_gets_out_in_order() -> None:
     assert (adapter.done, adapter.stays, last.sent, last.dropped) == (["100"], False, ["100#0000"], 0)
 
 
+class Stopped(Staying):
+    """One that has stopped to answer: it is given more only where that is insisted on."""
+
+    owed, insists = 1, False
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        if not self.insists:
+            raise can.CanTimeoutError("the adapter has stopped to answer")
+        super().send(message, timeout)
+
+
+@pytest.mark.slow
+def test_a_last_frame_that_is_left_with_an_adapter_may_follow() -> None:
+    adapter = Stopped()
+    said = r"ended, and 100#0000 may not have got out: slcan:port has stopped to answer, and the adapter sends it when"
+    with pytest.raises(BusError, match=said):
+        last_frames(adapter, full=False).send("log")
+    assert (adapter.done[-1], adapter.stays) == ("100", True)
+
+
 class Doubtful(Staying):
     """One that has never said whether it took the latest frame."""
 
