@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -29,11 +29,11 @@ MODULES = {
 
 def imported(tree: ast.AST, package: str) -> set[str]:
     """Dotted names that a file of this package imports, with what it takes from them: `from a import b` gives `a.b`."""
-    return set(_imported(tree, package))
+    return set(_imported(ast.walk(tree), package))
 
 
-def _imported(tree: ast.AST, package: str) -> Iterator[str]:
-    for node in ast.walk(tree):
+def _imported(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -61,9 +61,9 @@ def needs() -> Graph:
 
 
 def _needed(name: str, file: Path) -> set[str]:
-    tree = _Running().visit(ast.parse(file.read_bytes()))
-    found = {module for target in imported(tree, _package(file)) if (module := _module(target))}
-    return (found | _named_in_texts(tree)) - {name}
+    nodes = [*_running(ast.parse(file.read_bytes()))]
+    found = {module for target in _imported(nodes, _package(file)) if (module := _module(target))}
+    return (found | _named_in_texts(nodes)) - {name}
 
 
 def _module(target: str) -> str | None:
@@ -73,19 +73,23 @@ def _module(target: str) -> str | None:
     return target or None
 
 
-class _Running(ast.NodeTransformer):
-    """Leaves out what never runs: blocks for the type checker, and docstrings."""
-
-    def visit_If(self, node: ast.If) -> ast.AST | None:
-        return None if "TYPE_CHECKING" in ast.unparse(node.test) else self.generic_visit(node)
-
-    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
-        return None if isinstance(node.value, ast.Constant) else self.generic_visit(node)
+def _running(tree: ast.AST) -> Iterator[ast.AST]:
+    """All nodes but those that never run: blocks for the type checker, and docstrings."""
+    ahead = [tree]
+    while ahead:
+        yield (node := ahead.pop())
+        ahead += [part for part in ast.iter_child_nodes(node) if not _idle(part)]
 
 
-def _named_in_texts(tree: ast.AST) -> set[str]:
+def _idle(node: ast.AST) -> bool:
+    if isinstance(node, ast.If):
+        return "TYPE_CHECKING" in ast.unparse(node.test)
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def _named_in_texts(nodes: Iterable[ast.AST]) -> set[str]:
     """Modules that are named in full in strings: tables of what is loaded later, programs of child processes."""
-    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    texts = [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
     words = {word for text in texts for word in re.findall(r"(?<![\w./])\w+(?:\.\w+)+", text)}
     return words & set(MODULES)
 
