@@ -4,6 +4,10 @@
 
 Lemma 8 excludes the energies of the two equilibria, 0 and 2 p3: from there, or towards there, it proves nothing (at
 rest the feedback is zero for ever). The text joins the two conditions by "or"; both must hold.
+
+It proves nothing either where the voltage is at its limit, is late, or friction is not what is compensated. Then the
+energy may stay elsewhere, above all with an amplitude near pi, where little more takes the pendulum over the top;
+`saturated` and `unreached` tell so.
 """
 
 import math
@@ -22,8 +26,16 @@ def target_energy(p):
 
 def update(t, x, u, p):
     sampled = energy(u, p)
-    voltage = p.p2 / p.p4 * u.speed - p.gain * u.speed * (sampled - target_energy(p))
-    return {"voltage": ops.clip(voltage, -p.voltage_limit, p.voltage_limit), "energy": sampled}
+    away = sampled - target_energy(p)
+    asked = p.p2 / p.p4 * u.speed - p.gain * u.speed * away
+    waited = ops.where(ops.absolute(away) > p.tolerance * target_energy(p), x.waited + p.sample_time, 0.0)
+    return {
+        "voltage": ops.clip(asked, -p.voltage_limit, p.voltage_limit),
+        "saturated": ops.where(ops.absolute(asked) > p.voltage_limit, 1.0, 0.0),
+        "energy": sampled,
+        "waited": waited,
+        "unreached": ops.where(waited > p.patience, 1.0, 0.0),
+    }
 
 
 def apart(energy, equilibrium_energy, p):
@@ -39,6 +51,8 @@ MODEL = Model(
         input_("speed", "rad/s", "Angular velocity of the pendulum"),
         output("voltage", "V", "Motor voltage, held between samples"),
         output("energy", "J", "Energy by the controller's model (Eq. 105), held between samples"),
+        output("saturated", "1", "1 while the voltage is at its limit and more is asked for"),
+        output("unreached", "1", "1 while the energy has been away from the wanted one for longer than `patience`"),
         parameter("p1", "kg.m2", 0.00325, "Moment of inertia about the axis", minimum=0),
         parameter("p2", "N.m.s/rad", 0.001, "Viscous friction with the motor's back-EMF, to be compensated", minimum=0),
         parameter("p3", "N.m", 0.04905, "Weight times distance of the centre of mass", minimum=1e-12),
@@ -54,9 +68,19 @@ MODEL = Model(
         ),
         parameter("equilibrium_angle", "rad", 0.0, "Angle of the downward equilibrium"),
         parameter("sample_time", "s", 0.005, "Sample period", minimum=1e-6),
+        parameter("tolerance", "1", 0.05, "Of the wanted energy, within which it is reached", minimum=0),
+        parameter("patience", "s", 10.0, "How long it may take until it is", minimum=0),
         parameter("voltage_limit", "V", 1e6, "Largest voltage, either sign", minimum=0),
     ),
-    states=(State("voltage", 0.0, "V", sampled=True), State("energy", 0.0, "J", sampled=True)),
+    states=(
+        State("voltage", 0.0, "V", sampled=True),
+        State("saturated", 0.0, sampled=True),
+        State("energy", 0.0, "J", sampled=True),
+        State(
+            "waited", 0.0, "s", sampled=True, description="For how long the energy has been away from the wanted one"
+        ),
+        State("unreached", 0.0, sampled=True),
+    ),
     update=update,
     sample_time="sample_time",
     requirements=(

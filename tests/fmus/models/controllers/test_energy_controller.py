@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fmus import library
@@ -91,6 +91,52 @@ def test_a_refused_start_stays_refused() -> None:
     for _ in range(2):
         with pytest.raises(StepError, match="Lemma 8"):
             instance.step(0.0, 0.005)
+
+
+@settings(deadline=None, max_examples=12)
+@given(
+    amplitude=st.floats(0.5, 3.13),
+    friction=st.floats(0.5, 1.5),
+    limit=st.floats(1e-6, 1e-3),
+    late=st.integers(0, 1),
+    start=st.floats(0.3, 3.0),
+)
+@example(amplitude=3.13, friction=0.5, limit=1e-3, late=1, start=3.0)  # too much is compensated: it goes over the top
+@example(amplitude=3.13, friction=1.5, limit=1e-6, late=0, start=0.3)  # too little, and hardly any torque
+def test_near_its_limits_the_voltage_stays_within_them_and_an_energy_that_is_not_reached_is_told(
+    amplitude: float, friction: float, limit: float, late: int, start: float
+) -> None:
+    given = {"amplitude": amplitude, "gain": 0.02, "voltage_limit": limit, "patience": 2.0, "sample_time": 0.01}
+    controller, plant = (
+        Instance(CONTROLLER, given),
+        Instance(PENDULUM, {"angle_start": start, "viscous_friction": friction * P2}),
+    )
+    voltages, wanted, away = [0.0] * (late + 1), P3 * (1 - math.cos(amplitude)), 0
+    for k in range(800):
+        energy = P1 / 2 * plant.get("speed") ** 2 + P3 * (1 - math.cos(plant.get("angle")))
+        controller.set("angle", plant.get("angle"))
+        controller.set("speed", plant.get("speed"))
+        controller.step(k * 0.01, 0.01)
+        voltages.append(float(controller.get("voltage")))
+        assert abs(voltages[-1]) <= limit
+        assert controller.get("saturated") == 0.0 or abs(voltages[-1]) == limit
+        away = away + 1 if abs(energy - wanted) > 0.05 * wanted else 0
+        if away != 200:  # exactly as long as its patience, which rounding decides
+            assert controller.get("unreached") == float(away > 200)
+        plant.set("torque", P4 * voltages[-1 - late])
+        plant.step(k * 0.01, 0.01)
+
+
+def test_an_energy_that_is_reached_is_no_longer_told_as_unreached() -> None:
+    controller = Instance(CONTROLLER, {"patience": 0.05, "amplitude": 1.0})
+    told = []
+    for k, angle in enumerate([0.5] * 20 + [1.0] * 3 + [1.5] * 8):
+        controller.set("angle", angle)
+        controller.step(k * 0.005, 0.005)
+        told.append(controller.get("unreached"))
+    assert told[:9] == [0.0] * 9
+    assert told[11:20] == [1.0] * 9
+    assert told[20:] == [0.0] * 11
 
 
 def closed_loop(angle: float, amplitude: float, gain: float, stop: float, period: float = 0.002) -> FloatArray:
