@@ -27,9 +27,9 @@ from identification.tuning.sources.varied import varied
 from identification.tuning.study import CONTROLLER, PLANT, TuningStudy
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, model_of
 from orchestrator.fmi.file import FmuDescription
-from orchestrator.fmi.interface import Interface, Port
+from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.rational import seconds
-from orchestrator.settable import check_values
+from orchestrator.settable import check_values, typed
 from orchestrator.system import Connection, Endpoint, Part, System, require
 from orchestrator.wiring import wire
 
@@ -70,8 +70,9 @@ def assembled(study: TuningStudy) -> AssembledTuning:
     with OpenSystem(built.assembled) as opened:
         check_values(opened.system, built.assembled.system.values())
         interface = opened.system.parts[CONTROLLER].interface
-    typed = built.assembled.system.components[CONTROLLER].parameters
-    controller = _controller(replace(spec, parameters=typed), interface)
+        around = {name: _around(opened.system, name, values) for name, values in study.around.items()}
+    own = built.assembled.system.components[CONTROLLER].parameters
+    controller = _controller(replace(spec, parameters=own), interface)
     study.procedure.check(interface)
     first = next(iter(plants.values()))
     for name, plant in plants.items():
@@ -83,7 +84,9 @@ def assembled(study: TuningStudy) -> AssembledTuning:
         place = f"plants.{name}"
         _require_step(place, plant.model, step)
         _require_in_reach(place, plant.model, wiring)
-    drawn = {name: delayed(name, model, study.delay, driven) for name, model in _drawn(study, step).items()}
+    draws = _drawn(study, step)
+    drawn = {name: delayed(name, model, study.delay, driven) for of in draws.values() for name, model in of.items()}
+    around |= {name: around[plant] for plant, of in draws.items() if plant in around for name in of}
     goals = tuple(goal(asked, study.step, system, wiring, first.model) for asked in study.goals)
     taken = alike(models | drawn)
     nominal, sought, unseen = _parted(PlantSet.of(taken), len(models))
@@ -96,7 +99,8 @@ def assembled(study: TuningStudy) -> AssembledTuning:
         draws=sought,
         share=1.0 if study.draws is None else study.draws.share,
         models={name: taken[name] for name in models},
-        bench=TuningBench(replace(spec, parameters=typed), study, first.units, sample_time(study.controller)),
+        bench=TuningBench(replace(spec, parameters=own), study, first.units, sample_time(study.controller)),
+        around=around,
     )
     return AssembledTuning(
         problem, built, interface, tuple(_remarks(plants)), first.units, unseen, _between(study, step)
@@ -131,16 +135,27 @@ def sample_time(spec: ComponentSpec) -> Fraction:
     return seconds(float(known))
 
 
-def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
-    """Draws of the plants that have a spread, by names of their own: every second one is for the search."""
+def _around(system: System, plant: str, values: Mapping[str, Value]) -> dict[str, float]:
+    """Values that the controller has around a plant, checked as any others."""
+    given = {f"{CONTROLLER}.{name}": value for name, value in values.items()}
+    try:
+        found = typed(system, given)
+        check_values(system, found)
+    except WiringError as error:
+        raise error.within(f"plants.{plant}") from None
+    return {name: float(found[f"{CONTROLLER}.{name}"]) for name in values}
+
+
+def _drawn(study: TuningStudy, step: float) -> dict[str, dict[str, LinearModel]]:
+    """Plant -> draws of it, where it has a spread, by names of their own: every second one is for the search."""
     if study.draws is None:
         return {}
     rng = np.random.default_rng(study.draws.seed)
-    found: dict[str, LinearModel] = {}
+    found: dict[str, dict[str, LinearModel]] = {}
     for name, spec in study.plants.items():
         if isinstance(spec, SystemPlant | CalibratedPlant) and spec.uncertain:
             models = spec.drawn(f"plants.{name}", step, 2 * study.draws.count, rng)
-            found |= {f"{name}, draw {number}": model for number, model in enumerate(models, 1)}
+            found[name] = {f"{name}, draw {number}": model for number, model in enumerate(models, 1)}
     if not found:
         fix = (
             "give one a `spread`, or the folder of an output-error study, or of a subspace study that refines its model"
@@ -150,7 +165,7 @@ def _drawn(study: TuningStudy, step: float) -> dict[str, LinearModel]:
 
 
 def _between(study: TuningStudy, step: float) -> tuple[str, PlantSet] | None:
-    found, driven = varied(study.plants, step), _driven(study)
+    found, driven = None if study.around else varied(study.plants, step), _driven(study)
     if found is None:
         return None
     models = {

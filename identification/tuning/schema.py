@@ -16,14 +16,22 @@ from identification.tuning.goals.goal import Over, Relative
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.procedures.schema import DesignBlock
 from identification.tuning.rig import Rig
-from identification.tuning.sources.calibrated import calibrated_system
+from identification.tuning.sources.calibrated import calibrated_system, estimates
 from identification.tuning.sources.calibrated_model import CalibratedPlant
 from identification.tuning.sources.plants import FmuPlant, GivenPlant, LinearPlant, PlantSpec
-from identification.tuning.sources.system_plant import ParameterSpread, PlantOutput, SystemPlant, independent, set_over
+from identification.tuning.sources.system_plant import (
+    ParameterSpread,
+    PlantOutput,
+    SystemPlant,
+    beside,
+    independent,
+    set_over,
+)
 from identification.tuning.study import DrawSpec, GoalSpec, StepSpec, TuningStudy
 from orchestrator.assembly.assembly import SystemSpec, link
 from orchestrator.assembly.schema import ComponentBlock
 from orchestrator.assembly.whole_arrays import Values, elements
+from orchestrator.batch.sweep.points.schema import CalibrationBlock
 from orchestrator.scenario import parameter_sets
 from orchestrator.yaml_file import Block, Quantity, Seconds
 
@@ -110,6 +118,8 @@ class PlantBlock(Block):
         inputs: of a system, name -> component.input.
         outputs: of a system, name -> component.output, or by keys.
         spread: component.variable -> standard deviation, over what a calibration tells.
+        controller: values that it has around this plant, over its own and what is found: where a schedule stands.
+        calibration: of `components`, whose values of its parameters are taken, and their covariance as a spread.
     """
 
     fmu: Path | None = None
@@ -122,6 +132,8 @@ class PlantBlock(Block):
     inputs: dict[str, str] = {}
     outputs: dict[str, str | OutputBlock] = {}
     spread: dict[str, float] = {}
+    controller: Values = {}
+    calibration: CalibrationBlock | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> PlantBlock:
@@ -139,6 +151,8 @@ class PlantBlock(Block):
             raise ValueError("`inputs` and `outputs` belong to `components` or to a `calibrated` system")
         if (self.set or self.spread) and not self.inputs:
             raise ValueError("`set` and `spread` belong to a system with `inputs` and `outputs`")
+        if self.calibration is not None and self.components is None:
+            raise ValueError("`calibration` belongs to `components`")
         for name, deviation in self.spread.items():
             if deviation <= 0:
                 raise ValueError(f"`spread`: {name} has a standard deviation of {deviation:g}")
@@ -155,6 +169,9 @@ class PlantBlock(Block):
         system, spread = self._system(base)
         outputs = {name: PlantOutput(o) if isinstance(o, str) else o.output() for name, o in self.outputs.items()}
         own = independent(self.spread) if self.spread else spread
+        if self.calibration is not None:
+            found, joint = estimates(base / self.calibration.folder, self.calibration.parameters)
+            system, own = system.given(found), beside(own, joint)
         sets = [] if isinstance(self.parameters, dict) else parameter_sets.joined(self.parameters, base)
         system = system.given(elements(parameter_sets.values_of(sets, system.components).values))
         return SystemPlant(set_over(system, self.set, "set"), self.inputs, outputs, own)
@@ -364,4 +381,5 @@ class TuneBlock(StudyBlock):
             self.draws.spec() if self.draws else None,
             self.description,
             tuple(block.rig(base) for block in self.judged_on),
+            {name: elements(block.controller) for name, block in self.plants.items() if block.controller},
         )

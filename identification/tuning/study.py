@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from identification.tuning.procedures.procedure import Procedure
 from identification.tuning.rig import Rig
 from identification.tuning.sources.plants import PlantSpec
 from orchestrator.assembly.assembly import ComponentSpec
+from orchestrator.fmi.interface import Value
 
 CONTROLLER, PLANT = "controller", "plant"
 """How connections call the two."""
@@ -82,6 +83,7 @@ class TuningStudy:
         tracked: the plant's output that is to follow it; the loop is opened there for margins.
         delay: computing delay, from a sample to the command that comes of it [s].
         rigs: on which what is found is judged before it is written back.
+        around: plant -> values that the controller has around it, over the others: where a schedule of gains stands.
     """
 
     title: str
@@ -97,3 +99,4 @@ class TuningStudy:
     draws: DrawSpec | None = None
     description: str = ""
     rigs: tuple[Rig, ...] = ()
+    around: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)

@@ -78,7 +78,7 @@ def tune(study: TuningStudy, progress: Progress = silent, isolation: Isolation |
         rig.check(f"judged_on.{number}")
     parts = assembled(study)
     found = study.procedure.run(parts.problem, parts.interface, progress)
-    parts.problem.controller.require_slopes(found.best.values)
+    parts.problem.require_slopes(found.best.values)
     unseen = None if parts.unseen is None else parts.problem.on(parts.unseen).judged(found.best.values)
     result = Tuning(study, parts, found, unseen)
     return replace(

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from identification.linear.model import LinearModel
+from identification.tuning.loops.controllers import ControllerSet
 from identification.tuning.loops.open_loop import OpenLoop
 from identification.tuning.loops.plants import PlantSet
 from identification.tuning.loops.wiring import LoopWiring, Path
@@ -30,21 +30,21 @@ class Response:
 
 
 class Loops:
-    """The closed loops of one controller around N plants.
+    """The closed loops of one controller around N plants, or of one around each.
 
         x[k+1] = A x[k] + E r[k] + F d[k] + G n[k],   y = C x,   u = H x + J r + K n
 
     with the reference r, disturbances d at the plants' inputs and noise n on what is measured.
     """
 
-    def __init__(self, plants: PlantSet, controller: LinearModel, wiring: LoopWiring) -> None:
-        self.plants, self.controller, self.wiring = plants, controller, wiring
+    def __init__(self, plants: PlantSet, controllers: ControllerSet, wiring: LoopWiring) -> None:
+        self.plants, self.controllers, self.wiring = plants, controllers, wiring
         self._opened: dict[Path, OpenLoop] = {}
 
     @cached_property
     def a(self) -> FloatArray:
         """(N, n + c, n + c) of plant and controller together."""
-        plants, k, w = self.plants, self.controller, self.wiring
+        plants, k, w = self.plants, self.controllers, self.wiring
         n, count = plants.a.shape[1], len(plants)
         a = np.zeros((count, n + k.order, n + k.order))
         a[:, :n, :n] = plants.a + plants.b @ (w.acting @ k.d @ w.sensing) @ plants.c
@@ -74,31 +74,34 @@ class Loops:
         """The loops opened at a connection, all others closed."""
         where = path or self.wiring.opened
         if where not in self._opened:
-            self._opened[where] = OpenLoop(self.plants, self.controller, self.wiring, where)
+            self._opened[where] = OpenLoop(self.plants, self.controllers, self.wiring, where)
         return self._opened[where]
 
     def reference_step(self, height: float, count: int) -> Response:
         """The answer to a step of the reference over `count` samples."""
-        k, w = self.controller, self.wiring
-        driven = k.b[:, w.reference], w.acting @ k.d[:, w.reference]
-        into = np.concatenate([self.plants.b @ driven[1], np.broadcast_to(driven[0], (len(self.plants), k.order))], 1)
-        return self._response(height * into, height * driven[1], count)
+        k, w = self.controllers, self.wiring
+        direct = k.d[:, :, w.reference] @ w.acting.T
+        return self._response(height * self._into(k.b[:, :, w.reference], direct), height * direct, count)
 
     def disturbance_step(self, number: int, height: float, count: int) -> Response:
         """The answer to a step that is added to an input of the plants, the reference at rest."""
-        still = np.zeros((len(self.plants), self.controller.order))
+        still = np.zeros((len(self.plants), self.controllers.order))
         into = np.concatenate([self.plants.b[:, :, number], still], axis=1)
-        return self._response(height * into, np.zeros(len(self.plants.inputs)), count)
+        return self._response(height * into, np.zeros((1, len(self.plants.inputs))), count)
 
     def noise_gain(self, number: int) -> FloatArray:
         """(N, m) rms of the plants' inputs over that of white noise on an output, in the steady state."""
-        k, w, plants = self.controller, self.wiring, self.plants
+        k, w = self.controllers, self.wiring
         sensed = w.sensing[:, number]
         direct = w.acting @ k.d @ sensed
-        into = np.concatenate([plants.b @ direct, np.broadcast_to(k.b @ sensed, (len(plants), k.order))], axis=1)
-        covariance = self._covariance(into)
+        covariance = self._covariance(self._into(k.b @ sensed, direct))
         seen = self._inputs_of_state()
         return np.asarray(np.sqrt(np.einsum("nmi,nij,nmj->nm", seen, covariance, seen) + direct**2))
+
+    def _into(self, moved: FloatArray, direct: FloatArray) -> FloatArray:
+        """(N, n + c) what moves the controllers' states by `moved` (M, c) and the plants' inputs by `direct` (M, m)."""
+        plants = (self.plants.b @ direct[:, :, None])[:, :, 0]
+        return np.concatenate([plants, np.broadcast_to(moved, (len(plants), self.controllers.order))], axis=1)
 
     def _covariance(self, into: FloatArray) -> FloatArray:
         """(N, n, n) P = A P A' + g g', by doubling; nan where a loop is unstable."""
@@ -115,17 +118,17 @@ class Loops:
 
     def _inputs_of_state(self) -> FloatArray:
         """(N, m, n + c) what the plants' inputs are of the states."""
-        k, w = self.controller, self.wiring
+        k, w = self.controllers, self.wiring
         of_plant = (w.acting @ k.d @ w.sensing) @ self.plants.c
         of_controller = np.broadcast_to(w.acting @ k.c, (*of_plant.shape[:2], k.order))
         return np.concatenate([of_plant, of_controller], axis=2)
 
     def _response(self, force: FloatArray, direct: FloatArray, count: int) -> Response:
-        """Under a constant force (N, n + c) on the states, which gives `direct` (m,) to the inputs at once."""
+        """Under a constant force (N, n + c) on the states, which gives `direct` (M, m) to the inputs at once."""
         states = _held(self.a, force, count)
         n = self.plants.a.shape[1]
         outputs = (self.plants.c @ states[:, :n]).swapaxes(1, 2)
-        inputs = (self._inputs_of_state() @ states).swapaxes(1, 2) + direct
+        inputs = (self._inputs_of_state() @ states).swapaxes(1, 2) + direct[:, None]
         return Response(self.plants.step * np.arange(float(count)), outputs, inputs)
 
 

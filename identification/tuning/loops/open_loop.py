@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from identification.linear.model import LinearModel
-from identification.tuning.loops.plants import PlantSet, response
+from identification.tuning.loops.controllers import ControllerSet
+from identification.tuning.loops.plants import PlantSet
 from identification.tuning.loops.wiring import LoopWiring, Path
 from orchestrator.trace import ComplexArray, FloatArray
 
@@ -15,8 +15,8 @@ from orchestrator.trace import ComplexArray, FloatArray
 class OpenLoop:
     """L of N loops, negative feedback: from behind the opening around to before it, with the sign turned (Eq. 4-2)."""
 
-    def __init__(self, plants: PlantSet, controller: LinearModel, wiring: LoopWiring, where: Path) -> None:
-        self.plants, self.controller, self.wiring, self.where = plants, controller, wiring, where
+    def __init__(self, plants: PlantSet, controllers: ControllerSet, wiring: LoopWiring, where: Path) -> None:
+        self.plants, self.controllers, self.wiring, self.where = plants, controllers, wiring, where
         self._at_plant = where not in wiring.measured
 
     @property
@@ -27,18 +27,11 @@ class OpenLoop:
     @cached_property
     def values(self) -> ComplexArray:
         """(N, F) at `frequencies`."""
-        return self._of(self.plants.responses, self._controller(self.frequencies))
+        return self._of(self.plants.responses, self.controllers.response(self.frequencies))
 
     def at(self, number: np.ndarray, omega: FloatArray) -> ComplexArray:
         """(Q,) of the loops of these numbers (Q,), each at one angular frequency (Q,)."""
-        return self._of(self.plants.response(number, omega), self._controller(omega))
-
-    def _controller(self, omega: FloatArray) -> ComplexArray:
-        """(..., w, v) response of the controller."""
-        k = self.controller
-        if not k.order:
-            return k.d.astype(complex)
-        return response(k.a, k.b, k.c, np.exp(1j * omega * k.step)) + k.d
+        return self._of(self.plants.response(number, omega), self.controllers.of_loops(number).response(omega))
 
     def _of(self, plant: ComplexArray, controller: ComplexArray) -> ComplexArray:
         w, where = self.wiring, self.where

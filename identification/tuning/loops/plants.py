@@ -49,7 +49,7 @@ class PlantSet:
         taken = alike(models)
         first = next(iter(taken.values()))
         most = max(model.order for model in taken.values())
-        a, b, c = (np.stack([_padded(getattr(model, m), m, most) for model in taken.values()]) for m in "abc")
+        a, b, c = (np.stack([padded(getattr(model, m), m, most) for model in taken.values()]) for m in "abc")
         return cls(tuple(taken), a, b, c, first.step, first.inputs, first.outputs)
 
     def __len__(self) -> int:
@@ -146,7 +146,8 @@ def _like(place: str, model: LinearModel, first: LinearModel) -> LinearModel:
     return LinearModel(model.a, b, c, d, model.step, first.inputs, first.outputs)
 
 
-def _padded(matrix: FloatArray, name: str, order: int) -> FloatArray:
+def padded(matrix: FloatArray, name: str, order: int) -> FloatArray:
+    """A, B or C of a model, as `name` says, with so many states; nothing moves those that are added."""
     rows, columns = matrix.shape
     target = {"a": (order, order), "b": (order, columns), "c": (rows, order)}[name]
     full = np.zeros(target)

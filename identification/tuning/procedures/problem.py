@@ -12,6 +12,7 @@ import numpy as np
 from identification.linear.model import LinearModel
 from identification.tuning.goals.goal import Goal, LoopTrial, StepTest
 from identification.tuning.goals.table import MEASURES
+from identification.tuning.loops.controllers import ControllerSet
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet
 from identification.tuning.loops.wiring import LoopWiring
@@ -155,6 +156,7 @@ class TuningProblem:
         counted: how many of the plants make the objective; None for all.
         models: the plants one by one, of their own orders.
         bench: where the controller's FMU runs around one of them.
+        around: plant -> values that the controller has around it, whatever is sought; those of draws, too.
     """
 
     plants: PlantSet
@@ -167,6 +169,7 @@ class TuningProblem:
     counted: int | None = None
     models: Mapping[str, LinearModel] = field(default_factory=dict)
     bench: StepBench | None = None
+    around: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def with_draws(self, numbers: Sequence[int]) -> TuningProblem:
         """The same with some of the draws beside the plants, which have to hold hard goals, too."""
@@ -179,7 +182,27 @@ class TuningProblem:
 
     def trial(self, values: Mapping[str, float]) -> LoopTrial:
         """The loops with these parameters of the controller."""
-        return LoopTrial(Loops(self.plants, self.controller.linear(values), self.wiring), self.test)
+        return LoopTrial(Loops(self.plants, self._controllers(values), self.wiring), self.test)
+
+    def require_slopes(self, values: Mapping[str, float]) -> None:
+        """See that the controller is as good as linear with these parameters, around every plant.
+
+        Raises:
+            InputError: it is not.
+        """
+        for own in dict.fromkeys(self._owned):
+            self.controller.require_slopes({**values, **dict(own)})
+
+    @property
+    def _owned(self) -> list[tuple[tuple[str, float], ...]]:
+        """What values the controller has of its own around each plant; what it has around all where there are none."""
+        return [tuple(self.around.get(name, {}).items()) for name in self.plants.names] or [()]
+
+    def _controllers(self, values: Mapping[str, float]) -> ControllerSet:
+        """One where it is the same around all plants."""
+        models = {own: self.controller.linear({**values, **dict(own)}) for own in dict.fromkeys(self._owned)}
+        kept = models.values() if len(models) == 1 else [models[own] for own in self._owned]
+        return ControllerSet.of(list(kept))
 
     def judged(self, values: Mapping[str, float]) -> CandidateJudgement:
         """What these parameters do; of loops that are not stable there are no figures."""

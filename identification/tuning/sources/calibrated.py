@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,23 @@ def calibrated_system(folder: Path) -> tuple[SystemSpec, ParameterSpread]:
     block = load(result_file(folder, STUDY), OutputErrorBlock)
     values = {name: entry["value"] for name, entry in summary["parameters"].items() if "." in name}
     return block.system(folder).given(values), _spread(folder)
+
+
+def estimates(folder: Path, wanted: Sequence[str] | None) -> tuple[dict[str, float], ParameterSpread]:
+    """What an output-error calibration has found of these parameters, by default of all, and their covariance.
+
+    Raises:
+        InputError: the folder holds no result of such a study, or no covariance of one of them.
+    """
+    summary, spread = read_summary(folder), _spread(folder)
+    names = spread.names if wanted is None else tuple(wanted)
+    missing = next((name for name in names if name not in spread.names), None)
+    if missing is not None or not names:
+        problem = f"has no covariance of {missing or 'any parameter'}"
+        raise IdentificationError(folder, problem, f"there are {', '.join(spread.names) or 'none'}")
+    rows = [spread.names.index(name) for name in names]
+    values = {name: summary["parameters"][name]["value"] for name in names}
+    return values, ParameterSpread(names, spread.covariance[np.ix_(rows, rows)])
 
 
 def _spread(folder: Path) -> ParameterSpread:

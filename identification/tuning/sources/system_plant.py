@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fmus.errors import IdentificationError, WiringError
 from identification.built_system import BuiltSystem
@@ -204,6 +205,17 @@ def set_over(system: SystemSpec, values: Mapping[str, Value], place: str) -> Sys
             there = ", ".join(system.components)
             raise WiringError(f"{place}.{name}", "names no component of the plant", f"there are {there}")
     return system.given(values)
+
+
+def beside(one: ParameterSpread, other: ParameterSpread) -> ParameterSpread:
+    """Both spreads, which have nothing to do with each other.
+
+    Raises:
+        IdentificationError: both are of one parameter.
+    """
+    if twice := sorted({*one.names} & {*other.names}):
+        raise IdentificationError(f"spread.{twice[0]}", "varies by itself and with the calibration", "leave one out")
+    return ParameterSpread((*one.names, *other.names), block_diag(one.covariance, other.covariance))
 
 
 def independent(deviations: Mapping[str, float]) -> ParameterSpread:

@@ -155,7 +155,8 @@ def test_a_delay_of_part_of_a_sample_is_exact_for_a_system(tmp_path: Path) -> No
     assert half > one
 
 
-def test_a_calibrated_system_has_its_estimates_and_their_covariance(tmp_path: Path) -> None:
+def calibration(folder: Path) -> None:
+    """The result of an output-error study of a load and of a delay, which is no component's."""
     blocks = {
         "traces": {"files": "*.csv"},
         "step": 0.01,
@@ -165,14 +166,58 @@ def test_a_calibrated_system_has_its_estimates_and_their_covariance(tmp_path: Pa
     components = {"components": {"load": {"model": "load.py"}}}
     parameters = {"load.inertia": {"start": 1, "min": 0.1, "max": 2}, "late": {"start": 0, "min": 0, "max": 1}}
     document = {"title": "x", "method": "output-error", "parameters": parameters} | blocks | components
-    (tmp_path / "study.yaml").write_text(json.dumps(document))
+    (folder / "study.yaml").write_text(json.dumps(document))
     estimates = {name: {"value": 0.3, "std": 0.1, "ci95": None, "unit": "1", "start": None} for name in parameters}
     summary = {"title": "x", "method": "output-error", "parameters": estimates, "fit": {}, "data": [], "versions": {}}
     covariance = {"parameters": ["late", "load.inertia"], "matrix": [[4.0, 1.0], [1.0, 0.01]]}
-    (tmp_path / "summary.json").write_text(
+    (folder / "summary.json").write_text(
         json.dumps(summary | {"warnings": [], "uncertainty": {"covariance": covariance}})
     )
+
+
+def test_a_calibrated_system_has_its_estimates_and_their_covariance(tmp_path: Path) -> None:
+    calibration(tmp_path)
     system, spread = calibrated_system(tmp_path)
     assert system.values() == {"load.inertia": 0.3}
     assert spread.names == ("load.inertia",)
     assert spread.covariance.tolist() == [[0.01]]
+
+
+def plant_of(folder: Path, **keys: Any) -> SystemPlant:
+    document = driven(folder, **keys)
+    found = load(write(folder, document), TuneBlock).study(folder).plants["load"]
+    assert isinstance(found, SystemPlant)
+    return found
+
+
+def test_a_plant_of_components_takes_what_a_calibration_has_found_of_it(tmp_path: Path) -> None:
+    (tmp_path / "found").mkdir()
+    calibration(tmp_path / "found")
+    own = {"spread": {"drive.torque_constant": 0.1}, "calibration": {"folder": "found"}}
+    plant = plant_of(tmp_path, **own)
+    assert plant.system.values()["load.inertia"] == 0.3
+    assert plant.spread.names == ("drive.torque_constant", "load.inertia")
+    assert plant.spread.covariance == pytest.approx(np.diag([0.01, 0.01]))
+    set_over_it = plant_of(tmp_path, **own, set={"load.inertia": 0.5})
+    assert set_over_it.system.values()["load.inertia"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("keys", "problem"),
+    [
+        (
+            {"calibration": {"folder": "found", "parameters": ["load.mass"]}},
+            r"has no covariance of load\.mass; there are",
+        ),
+        ({"calibration": {"folder": "nowhere"}}, r"nowhere: holds no summary\.json"),
+        (
+            {"calibration": {"folder": "found"}, "spread": {"load.inertia": 0.1}},
+            r"spread\.load\.inertia: varies by itself and with the calibration",
+        ),
+    ],
+)
+def test_a_calibration_that_does_not_fit_is_refused(tmp_path: Path, keys: dict[str, Any], problem: str) -> None:
+    (tmp_path / "found").mkdir()
+    calibration(tmp_path / "found")
+    with pytest.raises(InputError, match=problem):
+        plant_of(tmp_path, **keys)

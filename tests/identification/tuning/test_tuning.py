@@ -202,6 +202,10 @@ def changed(key: str, **inner: Any) -> dict[str, Any]:
         ),
         ({"plants": {"light": {}}}, r"give one of `fmu`, `calibrated`, `matrices` and `components`"),
         ({"plants": {"light": {"calibrated": "nowhere"}}}, r"nowhere: holds no summary\.json"),
+        (
+            {"plants": {"light": {"fmu": "a.fmu", "calibration": {"folder": "."}}}},
+            "`calibration` belongs to `components`",
+        ),
     ],
 )
 def test_what_does_not_fit_together_is_refused(tmp_path: Path, changes: dict[str, Any], problem: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from identification.linear.model import LinearModel
+from identification.tuning.loops.controllers import ControllerSet
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet
 from identification.tuning.loops.wiring import LoopWiring, Path
@@ -43,7 +44,7 @@ def proportional(gain: float, step: float) -> LinearModel:
 
 def loops(model: LinearModel, gain: float) -> Loops:
     """The loop of one plant."""
-    return Loops(PlantSet.of({"plant": model}), proportional(gain, model.step), WIRING)
+    return Loops(PlantSet.of({"plant": model}), ControllerSet.of([proportional(gain, model.step)]), WIRING)
 
 
 def known(model: LinearModel, gain: float) -> Known:

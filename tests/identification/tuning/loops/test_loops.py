@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
+from identification.tuning.loops.controllers import ControllerSet
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet, delayed
 from orchestrator.trace import FloatArray
@@ -40,7 +41,7 @@ def by_hand(
 @settings(deadline=None, max_examples=25)
 def test_steps_are_those_of_samples_one_by_one(seed: int, count: int) -> None:
     model = plant(seed)
-    loop = Loops(PlantSet.of({"plant": model}), PI, WIRING)
+    loop = Loops(PlantSet.of({"plant": model}), ControllerSet.of([PI]), WIRING)
     for response, wanted in (
         (loop.reference_step(2.0, count), by_hand(model, 2.0, count)),
         (loop.disturbance_step(0, 0.5, count), by_hand(model, 0.0, count, 0.5)),
@@ -97,7 +98,7 @@ def test_a_plant_that_reacts_at_once_needs_a_delay() -> None:
     with pytest.raises(IdentificationError, match="reacts at once"):
         PlantSet.of({"plant": model})
     late = PlantSet.of({"plant": delayed("plant", model, 0.01, ["u"])})
-    step = Loops(late, PI, WIRING).reference_step(1.0, 3)
+    step = Loops(late, ControllerSet.of([PI]), WIRING).reference_step(1.0, 3)
     assert step.outputs[0, 1, 0] == pytest.approx(step.inputs[0, 0, 0])
 
 

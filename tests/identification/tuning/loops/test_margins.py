@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from identification.linear.model import LinearModel
 from identification.tuning.loops import margins
+from identification.tuning.loops.controllers import ControllerSet
 from identification.tuning.loops.loops import Loops
 from identification.tuning.loops.plants import PlantSet, delayed
 from identification.tuning.loops.wiring import LoopWiring
@@ -98,13 +99,17 @@ def test_so_has_one_with_states_in_the_controller_and_outputs_that_go_nowhere() 
     model = plant(3)
     lag = np.array([[0.5]]), np.array([[0.4, -0.4]]), np.ones((2, 1)), np.zeros((2, 2))
     controller = LinearModel(*lag, model.step, ("r", "y"), ("u", "v"))
-    found = Loops(PlantSet.of({"plant": model}), controller, LoopWiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)))
+    found = Loops(
+        PlantSet.of({"plant": model}),
+        ControllerSet.of([controller]),
+        LoopWiring((MEASURED,), (COMMANDED,), 0, 0, (2, 2, 1, 1)),
+    )
     assert found.opened().values == pytest.approx(found.opened(COMMANDED).values)
 
 
 def test_many_plants_have_the_margins_that_each_has_alone() -> None:
     models = {f"plant {seed}": plant(seed, pairs=1 + seed % 3) for seed in range(6)}
-    together = Loops(PlantSet.of(models), proportional(0.7, 0.01), WIRING).opened()
+    together = Loops(PlantSet.of(models), ControllerSet.of([proportional(0.7, 0.01)]), WIRING).opened()
     alone = [loops(model, 0.7).opened() for model in models.values()]
     for margin in (margins.gain_margins, margins.phase_margins, margins.modulus_margins, margins.delay_margins):
         assert margin(together) == pytest.approx([margin(one)[0] for one in alone], rel=1e-6)
