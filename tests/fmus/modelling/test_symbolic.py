@@ -118,7 +118,7 @@ def test_solver_step_and_requirements_can_be_traced_too(name: str) -> None:
     [
         ("pendulum", {"angle": (), "speed": (), "acceleration": ("torque",), "energy": ()}),
         ("dc_motor", {"torque": ("voltage", "speed"), "current": ("voltage", "speed")}),
-        ("energy_controller", {"voltage": ("angle", "speed"), "energy": ("angle", "speed")}),
+        ("energy_controller", dict.fromkeys(("voltage", "saturated", "energy", "unreached"), ("angle", "speed"))),
         ("excitation", {"signal": ()}),
         ("daq", {"measured": ("signal",)}),
     ],
