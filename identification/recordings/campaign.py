@@ -237,7 +237,7 @@ def split(traces: list[StudyTrace], hold_out: Sequence[str]) -> tuple[list[Study
 def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
     """What is doubtful about units, and a sentence each about traces with stamps out of order, and with notes."""
     crossings = noted(crossed for trace in traces for crossed in trace.crossings)
-    warnings = [str(crossed) for crossed in crossings if crossed.doubtful]
+    warnings = [*(str(crossed) for crossed in crossings if crossed.doubtful), *_same(traces)]
     if uneven := [trace for trace in traces if not trace.clean]:
         warnings.append(
             f"time stamps of {len(uneven)} recordings repeat or run backwards (details under data); "
@@ -252,6 +252,19 @@ def recording_warnings(traces: Sequence[StudyTrace]) -> list[str]:
             f"the first: {remarked[0][0]}, {'; '.join(remarked[0][1])}"
         )
     return warnings
+
+
+def _same(traces: Sequence[StudyTrace]) -> Iterator[str]:
+    """Files that hold the same: what is fitted twice tells no more, and what is kept aside was seen."""
+    by_content: dict[str, dict[Path, str]] = {}
+    for trace in traces:
+        by_content.setdefault(trace.sha256, {}).setdefault(trace.source, trace.trace.name)
+    for files in by_content.values():
+        if len(files) > 1:
+            yield (
+                f"{' and '.join(files.values())} are the same recording: fitted twice it makes intervals narrower than "
+                "they are, and kept aside it judges nothing; remove all but one"
+            )
 
 
 def _much(traces: Sequence[StudyTrace], much: Sequence[StudyTrace]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,18 @@ def test_recordings_come_by_name_with_what_their_names_and_bytes_tell(tmp_path: 
     assert one.sha256 == sha256(tmp_path / "rig_120_5__a.mat")
     assert one.trace.units == {"voltage": "V", "angle": "rad"}
     np.testing.assert_array_equal(other.trace["angle"], columns()[:, 2])
+
+
+def test_files_that_hold_the_same_recording_are_named_whatever_their_names(tmp_path: Path) -> None:
+    """Parts and cases have their source in common, and are not."""
+    save(tmp_path, "rig_0__b", columns(seed=1))
+    shutil.copy(save(tmp_path, "rig_0__a", columns()), tmp_path / "rig_0__c.mat")
+    found = load_campaign(traces(tmp_path))
+    assert [one for one in recording_warnings(found) if "same recording" in one] == [
+        "rig_0__a and rig_0__c are the same recording: fitted twice it makes intervals narrower than they are, and "
+        "kept aside it judges nothing; remove all but one"
+    ]
+    assert recording_warnings([found[0], found[1], found[0]]) == []
 
 
 def test_the_folder_of_data_goes_over_that_of_the_study_and_a_file_stands_for_itself(tmp_path: Path) -> None:
