@@ -41,7 +41,7 @@ def sweep(
 ) -> Answer:
     """Run a scenario at many points into one data set; what is there already is not run again.
 
-    Exit code 1 when fewer runs pass than the study asks for.
+    Exit code 1 when fewer runs pass than the study asks for, 3 when all failed.
     """
     from orchestrator.batch.sweep.runs.cluster import Cluster
     from orchestrator.batch.sweep.runs.local import Local
@@ -67,7 +67,8 @@ def sweep(
     document = result.document
     listing = Listing(HEADERS, result.rows(), document["title"])
     shown: list[Listing | str] = [listing, *document["notes"], result.sentence]
-    return Answer({**document, "out": str(folder)}, [*shown, f"written to {folder}"], result.passed)
+    shown.append(f"written to {folder}")
+    return Answer({**document, "out": str(folder)}, shown, result.passed, failure=result.failure)
 
 
 def _refuse(options: Mapping[str, object], problem: str, fix: str) -> None:

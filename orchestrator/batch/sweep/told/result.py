@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import compute, dataset, parquet
 
-from fmus.errors import InputError
+from fmus.errors import FmuError, InputError
 from fmus.files import RawMap
 from orchestrator.batch.sweep.runs.folder import RUNS, header
 from orchestrator.batch.sweep.runs.rows import FAILED
@@ -128,6 +128,15 @@ class SweepResult:
         """Numbers of the runs that failed."""
         found: Numbers = np.flatnonzero(self._joined("state", lambda states: compute.equal(states, FAILED)))
         return found
+
+    @property
+    def failure(self) -> FmuError | None:
+        """Why there is nothing to be told of any run, None where one did not fail."""
+        if self.document["failed"] < self.document["runs"]:
+            return None
+        first = parquet.read_table(self._files[0], columns=["reason"])["reason"][0].as_py()
+        problem = f"all {self.document['runs']:,} runs failed, the first one so: {first}"
+        return FmuError(self.folder, problem, "mend that")
 
     def sampled(self, columns: Sequence[str], most: int) -> pa.Table:
         """At most so many rows, spread evenly over all; no more than a part of the data set is in memory besides."""

@@ -164,3 +164,12 @@ def test_values_of_cases_that_do_not_count_since_they_vary_are_told(tmp_path: Pa
     told = "hand.angle_start varies, so its values in the cases do not count: 0.3 in low; 0.5 in high"
     assert result.document["notes"] == [told]
     assert result.column("e1")[0] == result.column("e1")[1]
+
+
+def test_a_sweep_of_which_every_run_failed_ends_with_3_and_says_why_the_first_did(tmp_path: Path) -> None:
+    design = {"by": "monte-carlo", "samples": 3, "seed": 1}
+    file = study(tmp_path, vary={"hand.added_mass": {"normal": -5, "std": 0.1}}, design=design)
+    told = servotwin("sweep", file, "-j", "1", "--out", tmp_path / "out")
+    assert told.exit_code == 3
+    assert "all 3 runs failed, the first one so: " in " ".join(told.stderr.split())
+    assert "outside its bounds" in told.stderr
