@@ -170,16 +170,17 @@ def _stepping(nodes: Sequence[RealNode], patience: float) -> Iterator[Callable[[
         for node in nodes:
             node.begin(late)
 
-    def watch() -> None:
-        looks = 0
-        while not over.wait(patience / _LOOKS):  # a computer that stood still has not looked
-            looks = 0 if begun.is_set() else looks + 1
-            begun.clear()
-            if looks > _LOOKS:
-                last_words.own().say(last_words.KILLED, f"no step has ended for {patience:g} s")
-                os.kill(os.getpid(), signal.SIGKILL)
-
     if sys.platform != "win32":
+
+        def watch() -> None:
+            looks = 0
+            while not over.wait(patience / _LOOKS):  # a computer that stood still has not looked
+                looks = 0 if begun.is_set() else looks + 1
+                begun.clear()
+                if looks > _LOOKS:
+                    last_words.own().say(last_words.KILLED, f"no step has ended for {patience:g} s")
+                    os.kill(os.getpid(), signal.SIGKILL)
+
         threading.Thread(target=watch, name="watch over steps", daemon=True).start()
     try:
         yield begin
