@@ -1,7 +1,6 @@
 """The frames of a log back onto a bus, each at its own time.
 
-Deadlines are counted from the first frame, so lateness of one frame does not delay those after it. Only a process that
-stood still goes on where it was: what was due meanwhile would be a burst of old commands.
+Lateness of one frame does not delay those after it, but where it is held up for longer it goes on where it was.
 """
 
 from __future__ import annotations
@@ -23,10 +22,12 @@ from orchestrator.can.frames import Frames
 from orchestrator.can.live.bus import BusSettings, is_bus_off, send
 from orchestrator.can.live.channels import Channel, Channels, listening
 from orchestrator.can.live.link import ECHOING, REFUSING
+from orchestrator.can.live.news import News
 from orchestrator.can.sending.last_frames import LastFrames
 from orchestrator.can.sending.passes import ahead, passes
 from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
 from orchestrator.can.sending.selection import EVERYTHING, MessageSelection, Selection
+from orchestrator.can.sending.timetable import Timetable
 from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
 from orchestrator.processes.interrupts import endings, handling
@@ -39,7 +40,7 @@ LOG = logging.getLogger("servotwin.can")
 _LEAD = 0.05  # from the start to the first frame [s]
 _PERIOD = 0.25  # between two reports of progress, and two looks at what the adapter says [s]
 _HEARD = 65536  # frames of others that are kept between two looks at most
-_STOOD = 0.2  # after which a process that is not woken in time has stood still [s]
+_HELD_UP = "ms for which the replay was held up; it goes on where it was"
 _REFUSED = 0.2  # for which an adapter may refuse all frames [s]
 _ECHO = 0.3  # after the last frame, until the adapter has sent what it keeps and has said what there is to say [s]
 
@@ -81,7 +82,7 @@ class Replayed:
         setbacks: stamps before the one of the frame before; such a frame follows at once, later ones keep their
             distance to it.
         lateness: of the frames.
-        pauses: how often it stood still, which moves all later frames; paused: for how long in all [s].
+        pauses: how often it was held up, which moves all later frames; paused: for how long in all [s].
         foreign: messages, as `123`, that somebody else sent, too.
         duration: from the first to the latest frame [s].
         stopped: whether it was told to end before the log did.
@@ -149,7 +150,7 @@ class Replayed:
             f"the log holds no frame of {', '.join(self.missing)}": self.missing,
             f"{self.homeless:,} frames were of channels without a bus, and not sent": self.homeless,
             f"{self.errors:,} error frames came from the bus meanwhile": self.errors,
-            f"it stood still {self.pauses:,} times, for {self.paused:.1f} s in all; later frames moved": self.pauses,
+            f"it was held up {self.pauses:,} times, for {self.paused:.2f} s in all; later frames moved": self.pauses,
             f"somebody else also sent {', '.join(self.foreign)}": self.foreign,
             f"the log's clock jumped backwards {self.setbacks:,} times; later frames follow on": self.setbacks,
         }
@@ -253,40 +254,32 @@ class _Sender:
         self._plan, self._channels, self._done = plan, channels.all, done
         self._last = LastFrames(channels.all, end)
         self._sent = set[tuple[int, Key]]()
+        self._news = News(lambda line: LOG.warning("%s: %s", plan.log, line))
 
     def send_all(self, batches: Iterable[Frames], stop: Stop) -> Iterator[float]:
         """Send frame by frame; when each was sent."""
-        schedule: _Schedule | None = None
-        done, now = self._done, time.monotonic()
+        timetable: Timetable | None = None
+        done = self._done
         for message in (message for batch in batches for message in batch.messages()):
             number = self._number(message)
             if message.is_error_frame or number is None:
                 done.skipped += message.is_error_frame
                 done.homeless += not message.is_error_frame
                 continue
-            if schedule is None:
-                schedule = _Schedule(message.timestamp, time.monotonic() + _LEAD, self._plan.speed)
-            deadline = schedule.deadline(message.timestamp)
+            if timetable is None:
+                timetable = Timetable(message.timestamp, time.monotonic() + _LEAD, self._plan.speed)
+            deadline = timetable.due(message.timestamp)
             stop.sleep_until(deadline)
             if stop.requested:
                 return
-            if (late := time.monotonic() - max(deadline, now)) > _STOOD:
-                deadline += self._go_on_after(late, schedule)
+            deadline += timetable.held_up(time.monotonic() - deadline)
             self._send(number, message)
             now = time.monotonic()
             done.sent += 1
-            done.setbacks = schedule.setbacks
+            done.setbacks, done.pauses, done.paused = timetable.setbacks, timetable.pauses, timetable.paused
             done.lateness.add(now - deadline)
-            done.duration = now - schedule.begin
+            done.duration = now - timetable.begin
             yield now
-
-    def _go_on_after(self, pause: float, schedule: _Schedule) -> float:
-        """Move what is still to come by a pause, which is returned [s]."""
-        schedule.begin += pause
-        self._done.pauses += 1
-        self._done.paused += pause
-        LOG.warning("the replay stood still for %.1f s, and goes on where it was", pause)
-        return pause
 
     def send_last(self) -> None:
         """Send what is to go out last.
@@ -303,6 +296,7 @@ class _Sender:
         """See how the buses take it; what else is received is of no interest."""
         flows = [flow for channel in self._channels if (flow := getattr(channel.bus, "flow", None))]
         self._done.refused = sum(flow.refused for flow in flows)
+        self._news.look(time.monotonic(), lambda: {_HELD_UP: round(1e3 * self._done.paused)})
         for number, channel in enumerate(self._channels):
             messages = self._last.take(number)
             self._done.errors += sum(message.is_error_frame for message in messages)
@@ -357,19 +351,3 @@ class _Sender:
             f"failed after {self._done.out:,} frames ({error})",
             "see that the adapter is plugged in, and that somebody listens",
         )
-
-
-class _Schedule:
-    """When the frame of a stamp is due, on the clock of `time.monotonic()`."""
-
-    def __init__(self, first: float, begin: float, speed: float) -> None:
-        self.begin, self._speed = begin, speed
-        self._first, self._latest = first, first
-        self.setbacks = 0
-
-    def deadline(self, stamp: float) -> float:
-        if stamp < self._latest:
-            self.setbacks += 1
-            self._first -= self._latest - stamp
-        self._latest = stamp
-        return self.begin + (stamp - self._first) / self._speed
