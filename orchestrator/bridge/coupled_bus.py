@@ -146,9 +146,10 @@ class Coupled:
         own = [one for one in simulation.components.values() if isinstance(one, CanBus)]
         if len(own) != len(self.buses):
             places, names = ", ".join(bus.place for bus in self.buses), ", ".join(one.name for one in own)
-            raise InputError(
-                places, f"{len(self.buses)} buses for {len(own)} of the scenario ({names})", "give one each"
-            )
+            problem = f"{len(self.buses)} buses for {len(own)} of the scenario ({names})"
+            if not own:
+                problem = "the scenario has only direct wires, which are not coupled to a real bus"
+            raise InputError(places, problem, "give one each" if own else "join the nodes by a bus without `direct`")
         with ExitStack() as stack:
             usual, nodes = usual_lateness(float(simulation.timing.step)), []
             for carrier, bus in zip(own, self.buses, strict=True):

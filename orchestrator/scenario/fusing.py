@@ -84,9 +84,10 @@ def _refuse(file: Path, scenario: Scenario) -> None:
     """See that a system can be fused at all."""
     if not compiler.available():
         raise InputError(file, "needs a C compiler to become one FMU", f"install one, or {_INSTEAD}")
-    for block in ("can", "buses"):
-        if scenario.can if block == "can" else scenario.system.buses:
-            raise InputError(f"{file}: {block}", "a bus cannot be inside an FMU", f"remove the block, or {_INSTEAD}")
+    if scenario.can:
+        raise InputError(f"{file}: can", "a bus cannot be inside an FMU", f"remove the block, or {_INSTEAD}")
+    if scenario.system.buses:
+        raise InputError(f"{file}: buses", "a bus cannot be inside an FMU", "remove them, or hand on the scenario")
     if scenario.timing.order is Order.ITERATED:
         problem = "iterated steps are taken back, which an FMU cannot do inside"
         raise InputError(f"{file}: run.order", problem, f"leave it out, or {_INSTEAD}")

@@ -190,6 +190,12 @@ def test_there_is_one_real_bus_for_each(node: Node, scenario: Any, tmp_path: Pat
         coupled(file, str(tmp_path), f"{tmp_path}x")
 
 
+def test_direct_wires_alone_are_not_coupled(node: Node, scenario: Any, tmp_path: Path) -> None:
+    file = scenario({"a": (node(), {}), "b": (node(), {})}, {"wire": {"nodes": BUS["can0"]["nodes"], "direct": True}})
+    with pytest.raises(InputError, match="has only direct wires, .*; join the nodes by a bus without `direct`"):
+        coupled(file, str(tmp_path))
+
+
 def test_the_command_bridges_network_fmus(node: Node, scenario: Any, tmp_path: Path) -> None:
     file = scenario({"a": (node(), FAST), "b": (node(), {})}, BUS, step=0.01, stop=0.1)
     command = ["can", "bridge", str(file), "--interface", "virtual", "--channel", str(tmp_path), "--json"]

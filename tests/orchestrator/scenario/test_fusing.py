@@ -266,6 +266,7 @@ REFUSED = [
     (("model: servo_drive", "model: servo_drives"), "is not in the library"),
     (("hand.angle -> filter.u", "hand.angl -> filter.u"), "did you mean 'angle'?"),
     (("run: {", "can: {database: a.dbc, frames: {}}\nrun: {"), "can"),
+    (("run: {", "buses: {can0: {nodes: [a.x, b.x]}}\nrun: {"), "remove them, or hand on the scenario"),
     (("{model: servo_drive, step: 0.002}", "{fmu: drive.fmu}"), "drive.fmu: no such file"),
     (("source.signal ->", "controller.effort ->"), "runs in a circle"),
     (("step: 0.012,", "step: 0.012, solver: {method: cvode},"), "solvers cannot be inside an FMU"),
