@@ -60,32 +60,27 @@ class Assignment:
             if parameter is None:
                 self.notes.append(f"{binding.place}: its mapping names '{entry.source}', which is not in the set")
                 continue
-            node = self._target(path, element, entry.target)
-            if node is None:
+            nodes = self._targets(path, element, entry.target)
+            self.values |= dict.fromkeys(nodes, Assigned(parameter, f"{binding.place}: {entry.source}", known, entry))
+            if not nodes:
                 where = ".".join(path) or element.name or "the system"
                 self.notes.append(f"{binding.place}: '{entry.target}' matches nothing in {where}; it is not used")
-            else:
-                self.values[node] = Assigned(parameter, f"{binding.place}: {entry.source}", known, entry)
         if binding.mapping is not None:
             used = {entry.source for entry in binding.mapping}
             left = [name for name in binding.values if name not in used]
             self.notes += [f"{binding.place}: '{name}' is not mapped, and not used" for name in left]
 
-    def _target(self, path: Path, element: Element, name: str) -> Node | None:
-        """What a name means in an element: a connector of it, or a variable of what is in it."""
+    def _targets(self, path: Path, element: Element, name: str) -> list[Node]:
+        """What a name means in an element: connectors of it, and variables of what is in it; all that are called so."""
         if isinstance(element, SsdComponent):
             interface = self.interfaces[path]
-            return (path, name) if name in interface.ports or interface.shape(name) else None
-        if name in element.connectors:
-            return path, name
-        if not isinstance(element, SystemElement):
-            return None
-        for index in (at for at, letter in enumerate(name) if letter == "."):
-            child = element.elements.get(name[:index])
-            found = child and self._target((*path, name[:index]), child, name[index + 1 :])
-            if found:
-                return found
-        return None
+            return [(path, name)] if name in interface.ports or interface.shape(name) else []
+        found = [(path, name)] if name in element.connectors else []
+        if isinstance(element, SystemElement):
+            for index in (at for at, letter in enumerate(name) if letter == "."):
+                if child := element.elements.get(name[:index]):
+                    found += self._targets((*path, name[:index]), child, name[index + 1 :])
+        return found
 
 
 def _entries(binding: Binding) -> Iterator[MappingEntry]:

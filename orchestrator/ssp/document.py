@@ -19,7 +19,7 @@ from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.settable import check_value
 from orchestrator.ssp import flattening, passage
-from orchestrator.ssp.assignment import Assigned, Assignment
+from orchestrator.ssp.assignment import Assignment
 from orchestrator.ssp.description import Description
 from orchestrator.ssp.flattening import FlatSystem, Hop, Node
 from orchestrator.ssp.passage import ValuePassage
@@ -27,6 +27,7 @@ from orchestrator.ssp.reading import read
 from orchestrator.ssp.variables import contradiction
 
 LOG = logging.getLogger("servotwin.ssp")
+_SET_FROM_OUTSIDE = ("input", "parameter", "structuralParameter")  # and as they start where nothing does
 STEPS = 1000  # of a run where nothing tells how long one is
 
 
@@ -71,6 +72,7 @@ class _Importing:
         assignment = Assignment(self.flat, self.interfaces)
         assignment.gather((), self.description.system)
         self.values = assignment.values
+        self.used = set[Node]()
         self.notes += [*self.description.notes, *assignment.notes, *self._contradictions()]
         self.parameters: dict[flattening.Path, RawMap] = {path: {} for path in self.fmus}
         self.stimuli: RawMap = {}
@@ -129,9 +131,14 @@ class _Importing:
         port = self._port(node, hops[-1].place)
         if origin[0] in self.fmus:
             return self._line(origin, hops, node, port)
-        assigned = self.values.get(origin)
-        if assigned is not None:
-            self._give(node, port, self._value(assigned, [origin], hops, node, port), outermost=not origin[0])
+        given = next((at for at, hop in enumerate(hops) if hop.origin in self.values), None)
+        if given is not None:
+            here = hops[given].origin
+            self._give(node, port, self._value(here, hops[given:], node, port), outermost=not here[0])
+        elif self.flat.connector(origin).kind not in _SET_FROM_OUTSIDE:
+            self.notes.append(
+                f"{hops[0].place}: nothing sets {_dotted(origin)}; {self._name(node)} keeps its own value"
+            )
         return None
 
     def _line(self, origin: Node, hops: list[Hop], node: Node, port: Port) -> str:
@@ -144,7 +151,8 @@ class _Importing:
         if passed.table:
             conversion = passage.line_through(passed.table, source, port, hops[-1].place)
             if source.type not in ("Boolean", "Enumeration"):
-                self.notes.append(f"{hops[-1].place}: values without an entry lie on the line through those with one")
+                line = "values without an entry lie on the line through those with one, and do not stay as they are"
+                self.notes.append(f"{hops[-1].place}: {line}")
         if _alike(conversion, self._by_units(source, port, hops)):
             return f"{self._name(origin)} -> {self._name(node)}"
         offset = f" + {conversion.offset!r}" if conversion.offset else ""
@@ -181,9 +189,12 @@ class _Importing:
             passed = passed.over(unit, hop.link.by_unit, hop.link.transformation, hop.place)
         return passed
 
-    def _value(self, assigned: Assigned, at: list[Node], hops: list[Hop], node: Node, port: Port) -> Any:
-        """What an assigned value is in the unit of a component's variable, in nested lists where it is an array."""
-        here, how = at[0], assigned.how
+    def _value(self, here: Node, hops: list[Hop], node: Node, port: Port) -> Any:
+        """What a value assigned to a connector is in the unit of a component's variable, in nested lists where it is an
+        array."""
+        assigned = self.values[here]
+        how = assigned.how
+        self.used.add(here)
         connector, known = self.flat.connector(here), {**self.flat.units_at(here[0]), **assigned.units}
         if here == node:
             unit = passage.unit_at(port, connector, known) if port.real else None
@@ -209,16 +220,21 @@ class _Importing:
             self.parameters[node[0]][node[1]] = value
 
     def _set_values(self) -> None:
-        """Values that parameter sets give to variables of components."""
+        """Values that parameter sets give to variables of components; of what is not used a note."""
+        for node in self.values:
+            if node[0] in self.fmus:
+                origins = [hop.origin for hop in self.flat.way(node)[1]]
+                if not any(origin[0] in self.fmus or origin in self.values for origin in origins):
+                    port = self._port(node, self.values[node].place)
+                    self._give(node, port, self._value(node, [], node, port))
         for node, assigned in self.values.items():
-            if node[0] not in self.fmus:
-                continue
-            name, port = self._name(node), self._port(node, assigned.place)
-            origin = self.flat.way(node)[0]
-            if origin != node and (origin[0] in self.fmus or origin in self.values):
-                self.notes.append(f"{assigned.place}: {name} takes its value from {'.'.join((*origin[0], origin[1]))}")
-            else:
-                self._give(node, port, self._value(assigned, [node], [], node, port))
+            if node not in self.used:
+                hops = self.flat.way(node)[1]
+                source = next(
+                    (hop.origin for hop in hops if hop.origin in self.values), hops[0].origin if hops else None
+                )
+                why = f"takes its value from {_dotted(source)}" if source else "leads to no variable; it is not used"
+                self.notes.append(f"{assigned.place}: {_dotted(node)} {why}")
 
     def _record(self) -> list[str]:
         """What the outputs of the whole system show."""
@@ -247,6 +263,10 @@ class _Importing:
             step = repr((end - begin) / STEPS)
             self.notes.append(f"no communication step is said; {step} s is a {STEPS}th of the run")
         return {**first, "stop": stop, "step": step}
+
+
+def _dotted(node: Node) -> str:
+    return ".".join((*node[0], node[1]))
 
 
 def _seconds(path: Path, text: str) -> float:

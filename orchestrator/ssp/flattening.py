@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fmus.errors import WiringError
 from fmus.units import Unit
@@ -23,6 +23,15 @@ Path = tuple[str, ...]
 Node = tuple[Path, str]
 """A connector: where its element is, from the outermost system in; and its name."""
 
+_GIVES = {  # kinds of connectors: whether values come out of them, seen from outside
+    "output": True,
+    "calculatedParameter": True,
+    "constant": True,
+    "local": True,
+    "input": False,
+    "parameter": False,
+    "structuralParameter": False,
+}
 _DICTIONARY = "(dictionary) "  # before the name of one, in the path of its nodes: no element is named so
 
 
@@ -132,10 +141,41 @@ def _gather(flat: FlatSystem, path: Path, system: SystemElement, units: Mapping[
             flat.components[*path, name] = element
     for link in system.connections:
         place = f"{flat.place}: {'.'.join(path)}{': ' if path else ''}{link}"
-        start, end = (_node(one, path, system, scopes, place) for one in (link.start, link.end))
+        directed = _directed(link, system, place)
+        start, end = (_node(one, path, system, scopes, place) for one in (directed.start, directed.end))
         if end in flat.incoming:
             raise WiringError(place, f"its end has a source already, by {flat.incoming[end].link}", "remove one")
-        flat.incoming[end] = Hop(start, link, place, known)
+        flat.incoming[end] = Hop(start, directed, place, known)
+
+
+def _directed(link: SsdConnection, system: SystemElement, place: str) -> SsdConnection:
+    """A connection from source to target, which kinds tell and not which end is called the start; as it is written
+    where they do not.
+
+    Raises:
+        WiringError: it joins two sources, or two targets, and one of them is a connector of a system.
+    """
+    start, end = (_gives(one, system) for one in (link.start, link.end))
+    if start is end and start is not None and not all(_of_component(one, system) for one in (link.start, link.end)):
+        what = "give values there, and take none" if start else "take values there, and give none"
+        raise WiringError(place, f"joins two connectors that {what}", "correct the kind of one")
+    turned = start is False or (start is None and end is True)
+    return replace(link, start=link.end, end=link.start) if turned and start is not end else link
+
+
+def _gives(end: tuple[str, str], system: SystemElement) -> bool | None:
+    """Whether values come out of an end of a connection in a system, by its kind; None where that leaves it open."""
+    name, connector = end
+    owner: Element | None = system.elements.get(name) if name else system
+    declared = None if owner is None else owner.connectors.get(connector.partition("[")[0])
+    if declared is None or declared.kind not in _GIVES:
+        return None
+    return _GIVES[declared.kind] is bool(name)
+
+
+def _of_component(end: tuple[str, str], system: SystemElement) -> bool:
+    """Whether it is a component's, whose FMU has the last word."""
+    return isinstance(system.elements.get(end[0]), SsdComponent)
 
 
 def _node(end: tuple[str, str], path: Path, system: SystemElement, scopes: Scopes, place: str) -> Node:

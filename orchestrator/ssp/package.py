@@ -41,6 +41,7 @@ class SspPackage:
 
     def __init__(self, path: Path, called: str | None = None) -> None:
         self.path, self.called = path, called or str(path)
+        self._read = set[str]()
         try:
             self._archive = archive.opened(path)
         except FmuFileError as error:
@@ -58,6 +59,11 @@ class SspPackage:
         """All its files."""
         return [info.filename for info in self._archive.infolist() if not info.is_dir()]
 
+    @property
+    def variants(self) -> list[str]:
+        """Descriptions of other systems, which nothing has read."""
+        return [name for name in self.names if name.endswith(".ssd") and name not in self._read]
+
     def read(self, name: str) -> bytes:
         """The contents of a file.
 
@@ -68,6 +74,7 @@ class SspPackage:
         if info is None:
             raise FmuFileError(self.place(name), "is not in the archive", "export the SSP again")
         try:
+            self._read.add(name)
             return self._archive.read(info)
         except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, UnicodeError) as error:
             raise FmuFileError(self.place(name), f"cannot be unpacked ({error})", "export the SSP again") from error

@@ -87,8 +87,10 @@ def units(parent: etree._Element | None, place: str) -> dict[str, Unit]:
         if base is None or not base.attrib:
             continue  # what is only named may be known by its name
         here = f"{place}: unit {name}"
-        exponents = tuple(int(number(base, power, here, 0.0)) for power in BASES)
-        unit = Unit(number(base, "factor", here, 1.0), exponents, number(base, "offset", here, 0.0))
+        exponents = [number(base, power, here, 0.0) for power in BASES]
+        if not all(exponent.is_integer() for exponent in exponents):
+            raise FmuFileError(here, "has an exponent that is not whole", "correct it")
+        unit = Unit(number(base, "factor", here, 1.0), tuple(map(int, exponents)), number(base, "offset", here, 0.0))
         if not unit.factor:
             raise FmuFileError(here, "has a factor that converts nothing", "correct it")
         found[name] = unit

@@ -106,15 +106,19 @@ def end(passage: ValuePassage, port: Port, place: str) -> ValuePassage:
 
 def line_through(table: Entries, source: Port | None, target: Port, place: str) -> Conversion:
     """The factor and offset that do what a table says; `source` is None where the table is applied to a given value.
+    Items without an entry stay as they are.
 
     Raises:
-        WiringError: an entry is no value of its type, an item has none, or no factor and offset do the same.
+        WiringError: an entry is no value of its type, an item is none of the target's, or no factor and offset do the
+            same.
     """
     points = {_number(one, source, place): _number(other, target, place) for one, other in table}
     items = (0.0, 1.0) if source and source.type == "Boolean" else (source.items or {}).values() if source else ()
-    missing = [item for item in items if float(item) not in points]
-    if missing:
-        raise WiringError(place, f"maps {len(points)} values and not {missing[0]:g}", "give each value an entry")
+    kept = [float(item) for item in items if float(item) not in points]
+    known = None if target.items is None else {float(item) for item in target.items.values()}
+    if lost := [item for item in kept if known is not None and item not in known]:
+        raise WiringError(place, f"leaves {lost[0]:g} as it is, which is no item of {target.name}", "give it an entry")
+    points |= dict(zip(kept, kept, strict=True))
     (x0, y0), *others = points.items()
     factor = (others[0][1] - y0) / (others[0][0] - x0) if others else 1.0
     line = Conversion(factor, y0 - factor * x0)
@@ -124,10 +128,10 @@ def line_through(table: Entries, source: Port | None, target: Port, place: str) 
 
 
 def mapped(table: Entries, value: float | int | bool | str, place: str) -> str | bool | float:
-    """What a table makes of a value.
+    """What a table makes of a value; one without an entry stays as it is.
 
     Raises:
-        WiringError: it has no entry for it, or one that is no number for a number.
+        WiringError: its entry is no number for a number.
     """
     text = str(value).lower() if isinstance(value, bool) else str(value)
     names = {"1": "true", "0": "false"} if isinstance(value, bool) else {}
@@ -141,7 +145,7 @@ def mapped(table: Entries, value: float | int | bool | str, place: str) -> str |
                 return float(target)
             except ValueError:
                 raise WiringError(place, f"maps {text} to '{target}', no number", "correct the mapping") from None
-    raise WiringError(place, f"has no entry for {text}", "give it one")
+    return value
 
 
 def _number(text: str, port: Port | None, place: str) -> float:

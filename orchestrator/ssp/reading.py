@@ -50,7 +50,9 @@ def read(path: Path) -> Description:
         FmuFileError: it is no SSP, refers to what it does not hold, holds itself, or is not as the standard has it.
     """
     with SspPackage(path) as package:
-        return _DescriptionFile(package, SYSTEM, ()).description()
+        found = _DescriptionFile(package, SYSTEM, ()).description()
+        others = (f"{name} is another system, which is not used" for name in package.variants)
+        return replace(found, notes=(*found.notes, *others))
 
 
 @dataclass(frozen=True)
@@ -161,8 +163,14 @@ class _DescriptionFile:
 
     def connector(self, entry: etree._Element) -> Connector:
         kind, unit = typed(entry)
-        sizes = tuple(size for one in entry.iterfind(f"{SSC}Dimension") if (size := one.get("size")))
-        return Connector(required(entry, "name", self.place), required(entry, "kind", self.place), kind, unit, sizes)
+        sizes = tuple(one.get("size", "") for one in entry.iterfind(f"{SSC}Dimension"))
+        return Connector(
+            required(entry, "name", self.place),
+            required(entry, "kind", self.place),
+            kind,
+            unit,
+            sizes if all(sizes) else (),
+        )
 
     def connection(self, entry: etree._Element) -> SsdConnection:
         place = f"{self.place}:{entry.sourceline}"

@@ -192,7 +192,7 @@ def test_there_is_one_real_bus_for_each(node: Node, scenario: Any, tmp_path: Pat
 
 def test_direct_wires_alone_are_not_coupled(node: Node, scenario: Any, tmp_path: Path) -> None:
     file = scenario({"a": (node(), {}), "b": (node(), {})}, {"wire": {"nodes": BUS["can0"]["nodes"], "direct": True}})
-    with pytest.raises(InputError, match="has only direct wires, .*; join the nodes by a bus without `direct`"):
+    with pytest.raises(InputError, match=r"has only direct wires, .*; join the nodes by a bus without `direct`"):
         coupled(file, str(tmp_path))
 
 

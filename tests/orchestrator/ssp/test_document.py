@@ -392,14 +392,25 @@ def test_a_table_of_whole_numbers_is_a_line_through_them_and_that_is_told(tmp_pa
 @pytest.mark.parametrize(
     ("variable", "inner", "problem"),
     [
-        ("Boolean", table("Boolean", FLIPPED[:1]), "maps 1 values and not 0"),
         ("Int32", table("Integer", [("0", "1"), ("1", "4"), ("2", "9")]), "no factor and offset do"),
         ("Int32", table("Integer", [("0", "one")]), "'one', which is no value there"),
     ],
 )
-def test_a_table_that_leaves_something_open_is_refused(tmp_path: Path, variable: str, inner: str, problem: str) -> None:
+def test_a_table_that_no_line_follows_is_refused(tmp_path: Path, variable: str, inner: str, problem: str) -> None:
     with pytest.raises(WiringError, match=problem):
         imported(fed(tmp_path, variable, inner, "<ssv:Boolean value='true'/>" if variable == "Boolean" else INTEGER))
+
+
+@pytest.mark.parametrize("on", ["true", "false"])
+def test_values_without_an_entry_in_a_table_stay_as_they_are(tmp_path: Path, on: str) -> None:
+    path = fed(tmp_path, "Boolean", table("Boolean", FLIPPED[:1]), f'<ssv:Boolean value="{on}"/>')
+    assert last(path)["b.Boolean_output"] == 0
+    mapping = f"""<ssm:ParameterMapping {XMLNS} version="1.0"><ssm:MappingEntry source="gear" target="a.n">
+        {table("Integer", [("1", "5")])}</ssm:MappingEntry></ssm:ParameterMapping>"""
+    bound = f"""<ssd:ParameterBindings><ssd:ParameterBinding>
+        <ssd:ParameterValues>{values({"gear": '<ssv:Integer value="2"/>'})}</ssd:ParameterValues>
+        <ssd:ParameterMapping>{mapping}</ssd:ParameterMapping></ssd:ParameterBinding></ssd:ParameterBindings>"""
+    assert parameters(archive(tmp_path / "m.ssp", system([component("a")], before=bound))) == {"a.n": 2}
 
 
 def test_a_mapped_value_goes_through_its_table(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""Which way connections of an SSP run, whose value counts along them, and what is told of the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmus.errors import WiringError
+from orchestrator.scenario.run import run_scenario
+from orchestrator.ssp.document import imported
+from tests.support.simulation.ssps import (
+    archive,
+    bindings,
+    component,
+    connection,
+    connectors,
+    gain,
+    real,
+    system,
+    values,
+)
+
+LINEAR = '<ssc:LinearTransformation factor="3" offset="0.5"/>'
+
+
+def led(inner: str = "", outer: str = "", outermost: str = "") -> str:
+    """A wheel within a middle within the top: input, output and factor led outwards through both."""
+    inside = system(
+        [component("wheel", inner=inner)],
+        [connection("in", "wheel.u"), connection("wheel.y", "out"), connection("factor", "wheel.k")],
+        "middle",
+        connectors(**{"in": "input", "out": "output", "factor": "parameter"}) + outer,
+    )
+    ends = [connection("u", "middle.in"), connection("middle.out", "y"), connection("F", "middle.factor")]
+    return system([inside], ends, before=connectors(u="input", y="output", F="parameter") + outermost)
+
+
+def parameters(path: Path) -> dict[str, Any]:
+    """component.variable -> value of the system in an SSP."""
+    components = imported(path).document["components"]
+    return {f"{n}.{key}": value for n, one in components.items() for key, value in one.get("parameters", {}).items()}
+
+
+@pytest.mark.parametrize(
+    ("sets", "expected"),
+    [
+        ((bindings(values({"k": real(4)})),), 4.0),
+        ((bindings(values({"k": real(4)})), bindings(values({"factor": real(5)}))), 5.0),
+        (tuple(bindings(values({name: real(n)})) for n, name in enumerate(("k", "factor", "F"), 4)), 6.0),
+    ],
+    ids=["variable", "inner connector", "outer connector"],
+)
+def test_of_connectors_in_a_row_the_farthest_out_that_has_a_value_counts(
+    tmp_path: Path, sets: tuple[str, ...], expected: float
+) -> None:
+    assert parameters(archive(tmp_path / "n.ssp", led(*sets))) == {"middle__wheel.k": expected}
+
+
+def test_a_value_that_does_not_come_to_count_is_told(tmp_path: Path) -> None:
+    more = bindings(values({"in": real(5), "out": real(6), "factor": real(7)}))
+    outermost = connectors(spare="parameter") + bindings(values({"u": real(4), "spare": real(3)}))
+    found = imported(archive(tmp_path / "n.ssp", led(outer=more, outermost=outermost)))
+    said = " | ".join(found.notes)
+    assert "in: middle.in takes its value from u" in said
+    assert "out: middle.out takes its value from middle.wheel.y" in said
+    assert "spare leads to no variable; it is not used" in said
+    assert "factor" not in said and "u leads" not in said
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_kinds_tell_where_a_value_goes_and_not_the_order_of_the_ends(tmp_path: Path, turned: bool) -> None:
+    def link(start: str, end: str, inner: str = "") -> str:
+        return connection(end, start, inner) if turned else connection(start, end, inner)
+
+    inside = system(
+        [component("wheel")],
+        [link("in", "wheel.u", LINEAR), link("wheel.y", "out"), link("factor", "wheel.k")],
+        "middle",
+        connectors(**{"in": "input", "out": "output", "factor": "parameter"}),
+    )
+    ends = [link("u", "a.u"), link("a.y", "middle.in"), link("middle.out", "y")]
+    given = connectors(u="input", y="output") + bindings(values({"u": real(4), "middle.factor": real(10)}))
+    path = archive(tmp_path / "turned.ssp", system([component("a"), inside], ends, before=given))
+    result = run_scenario(path).cases[0].result
+    assert result is not None and result.trace["middle__wheel.y"][-1] == 10 * (3 * (2 * 4) + 0.5)
+
+
+def test_connectors_that_both_take_or_both_give_values_are_refused(tmp_path: Path) -> None:
+    inside = system([component("wheel")], [connection("out", "wheel.u")], "middle", connectors(out="output"))
+    with pytest.raises(WiringError, match=r"middle: out -> wheel\.u: joins two connectors that take values there"):
+        imported(archive(tmp_path / "x.ssp", system([inside])))
+
+
+def test_what_comes_out_of_a_connector_that_nothing_sets_is_told(tmp_path: Path) -> None:
+    inside = system([component("wheel")], name="middle", before=connectors(out="output"))
+    found = imported(archive(tmp_path / "x.ssp", system([inside, component("b")], [connection("middle.out", "b.u")])))
+    assert any("nothing sets middle.out; b.u keeps its own value" in note for note in found.notes)
+
+
+def test_all_that_are_called_alike_take_a_value(tmp_path: Path) -> None:
+    twins = system(
+        [component("x.wheel"), system([component("wheel")], name="x")], before=bindings(values({"x.wheel.k": real(9)}))
+    )
+    assert parameters(archive(tmp_path / "twins.ssp", twins)) == {"x_wheel.k": 9.0, "x__wheel.k": 9.0}
+
+
+def test_another_system_in_the_archive_is_told(tmp_path: Path) -> None:
+    files = {"resources/gain.fmu": gain(), "Winter.ssd": system([component("a")])}
+    found = imported(archive(tmp_path / "two.ssp", system([component("a")]), files))
+    assert "Winter.ssd is another system, which is not used" in found.notes
