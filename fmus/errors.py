@@ -16,6 +16,7 @@ ServotwinError            anything we refuse; the command line prints its one li
 │   │   ├── ScenarioFailed    of a scenario: the cases before it, and all up to there
 │   │   └── EstimationFailed  of an estimation
 │   ├── ParametersRefused parameters of one of ours do not fit together, and no step was taken (exit code 2)
+│   ├── StepDiscarded     a step is too long for it: whoever can go back takes a shorter one
 │   ├── TangentsMissing   it cannot be differentiated exactly: whoever asked takes differences
 │   └── FmuEnded          it asked to stop: the run ends well where whoever steps it knows what to do with one that ends
 ├── RecordError           what is recorded from something real cannot be kept (exit code 3)
@@ -108,6 +109,10 @@ class ParametersRefused(FmuError):  # noqa: N818 - as what is refused
 
 class TangentsMissing(FmuError):  # noqa: N818 - nothing has failed
     """A run cannot carry the derivatives that it was asked for."""
+
+
+class StepDiscarded(FmuError):  # noqa: N818 - as FMI calls it
+    """An FMU did not get through a step."""
 
 
 class FmuEnded(FmuError):  # noqa: N818 - nothing is wrong

@@ -10,8 +10,8 @@ Stimuli, and outputs that are not continuous, as those of sampled parts, are hel
 that has no other outputs samples what there is at the beginning of the step.
 
 With a tolerance each step is taken once and in two halves. Where both agree to it the halves count; else all go back,
-and the step is halved, down to the least. It grows again where the error is small. All are binary fractions of the
-communication step, so that time is counted.
+and the step is halved, down to the least, as it is where a component discards it. It grows again where the error is
+small. All are binary fractions of the communication step, so that time is counted.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
-from fmus.errors import FmuError, WiringError
+from fmus.errors import FmuError, StepDiscarded, WiringError
 from orchestrator.engine.loop import Loop, LoopNode
 from orchestrator.fmi.status import stepping
 from orchestrator.rational import TickTimes, written
@@ -90,7 +90,8 @@ class TakenSteps:
 
     Attributes:
         steps: those that count.
-        rejected: those that were taken back, for their error was too large or their iteration did not settle.
+        rejected: those that were taken back, for their error was too large, their iteration did not settle, or a
+            component discarded them.
         forced: those that count though their error was too large, for they were the shortest.
         shortest: the shortest that counts [s].
     """
@@ -147,6 +148,7 @@ class IteratedLoop(Loop):
 
     def begin(self, stimuli: FloatArray) -> None:
         self.taken, self._length = TakenSteps(), self.iteration.parts
+        self._discarded: StepDiscarded | None = None
         super().begin(stimuli)
 
     def _take(self, tick: int) -> None:
@@ -197,6 +199,8 @@ class IteratedLoop(Loop):
                 self._length = length * 2 if error < _GROWS and length < self.iteration.parts else length
                 return True
             if length == 1:
+                if self._discarded is not None:
+                    raise self._discarded
                 self._require_settled(False, now)
             self._back(states, values)
             self._length = length // 2
@@ -220,13 +224,22 @@ class IteratedLoop(Loop):
         return max(found, default=0.0)
 
     def _attempt(self, now: float, length: float) -> bool:
-        """Iterate a step of so many parts; False where it does not settle within the limit."""
+        """Iterate a step of so many parts; False where it does not settle within the limit, or a component discards it
+        and it can be shortened."""
+        self._discarded = None
         time, duration = self._time(now), float(self.iteration.span * Fraction(length) / self.iteration.parts)
         begin, ends = list(self.values), list(self.values)
         with self._saved() as (states, _):
             for turn in range(self.cycles.limit):
                 before = list(ends)
-                self._turn(begin, ends, time, duration)
+                try:
+                    self._turn(begin, ends, time, duration)
+                except StepDiscarded as error:
+                    if self.iteration.control is None:
+                        raise
+                    self._discarded = error
+                    self._back(states, begin)
+                    return False
                 self.iterations += 1
                 self.values = ends
                 if (turn and self._settled(before)) or not self._coupled:

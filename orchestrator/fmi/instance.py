@@ -393,13 +393,13 @@ class FmuInstance(Generic[A]):
         self._complained = self._complained or DISCARD < status <= FATAL
         LOG.log(_LEVELS[status] if 0 <= status < len(_LEVELS) else logging.ERROR, "%s: %s", self.name, line)
 
-    def _check(self, status: int, action: str, fix: str = "") -> None:
+    def _check(self, status: int, action: str) -> None:
         if status == 1:
             self.warnings += 1
         elif status:
             self._alive = self._alive and status != FATAL
             self._under_way = self._under_way and status == DISCARD
-            raise self._failure(action, returned(status), fix)
+            raise self._failure(action, returned(status))
 
     def _failure(self, action: str, problem: str, fix: str = "") -> FmuError:
         said = f" ({'; '.join(list(self._messages)[-3:])})" if self._messages else ""

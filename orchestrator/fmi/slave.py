@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Mapping
 from typing import NoReturn
 
-from fmus.errors import FmuEnded, TangentsMissing
+from fmus.errors import FmuEnded, StepDiscarded, TangentsMissing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD
 from orchestrator.fmi.functions.co_simulation import CoSimulation, Fmi2, Fmi3
@@ -95,11 +95,12 @@ class Slave(FmuInstance[CoSimulation]):
         """Take note of how a step went. An FMU that asked to stop at its very end does so before the next one."""
         stop = self._fmi.stop(status, time)
         if stop is None:
+            if status == DISCARD:
+                what = self._failure(stepping(time, duration), returned(status))
+                fix = "it did not get through the whole step: give the run a shorter `step`"
+                raise StepDiscarded(what.place, what.problem, fix)
             if status:
-                fix = (
-                    "it did not get through the whole step: give the run a shorter `step`" if status == DISCARD else ""
-                )
-                self._check(status, stepping(time, duration), fix)
+                self._check(status, stepping(time, duration))
         elif stop.whole(time, duration):
             self._asked = True
         elif stop.asked and not self._complained:

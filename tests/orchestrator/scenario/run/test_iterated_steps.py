@@ -12,7 +12,8 @@ import scipy.linalg
 
 from fmus.errors import InputError, ServotwinError
 from fmus.modelling.model import Model, State, input_, output, parameter
-from fmus.packaging import targets
+from fmus.packaging import archive, targets
+from fmus.packaging.native import compiler
 from orchestrator.engine import Result
 from orchestrator.scenario.accounts import document_of, sentence_of
 from orchestrator.scenario.exchange import export
@@ -119,6 +120,41 @@ def test_a_quarter_car_is_within_its_tolerance(
     assert taken is not None and taken.forced == 0
     error = np.abs(states(result) - exact(result.trace.time, stiffness, damping)).max()
     assert error < 1e-5 * taken.steps
+
+
+def discarding(made: Path, longest: float, path: Path) -> Path:
+    """The FMU, discarding steps that are longer [s]; the test is skipped where there is no C compiler."""
+    if not compiler.available():
+        pytest.skip("there is no C compiler to build the FMU with")
+    with archive.opened(made) as zipped:
+        files = {name: zipped.read(name) for name in zipped.namelist()}
+    sources = {Path(name).name: text.decode() for name, text in files.items() if name.endswith((".c", ".h"))}
+    step = "return (fmi2Status)instance_step("
+    assert step in sources["fmi2.c"]
+    early = f"if (communicationStepSize > {longest!r}) return fmi2Discard;"
+    sources["fmi2.c"] = sources["fmi2.c"].replace(step, f"{early} {step}")
+    (binary,) = [name for name in files if name.startswith("binaries/")]
+    files[binary] = compiler.compile_library(sources, Path(binary).stem, compiler.host(), ())
+    archive.write(path, files)
+    return path
+
+
+def test_a_step_that_a_component_discards_is_shortened_where_it_can_be(tmp_path: Path, fmus: dict[str, Path]) -> None:
+    longest = 0.0015
+    parts = fmus | {"wheel": discarding(fmus["wheel"], longest, tmp_path / "wheel.fmu")}
+    run = {"stop": 0.2, "step": CONTROLLED | {"tolerance": 1e-2}}
+    result = only(run_scenario(car(tmp_path, parts, 20e3, 1500.0, **run)))
+    taken = result.account.taken
+    assert taken is not None and taken.forced == 0
+    assert (
+        taken.steps >= 0.2 / longest > only(run_scenario(car(tmp_path, fmus, 20e3, 1500.0, **run))).account.taken.steps
+    )
+    assert np.abs(states(result) - exact(result.trace.time, 20e3, 1500.0)).max() < 1e-2
+    for step in (0.02, CONTROLLED | {"least": 0.004}):
+        with pytest.raises(
+            ServotwinError, match=r"wheel: step from t = 0 s by 0\.\d+ s: returned discard; it did not get"
+        ):
+            run_scenario(car(tmp_path, parts, 20e3, 1500.0, step=step))
 
 
 def test_a_stiff_suspension_bursts_without_iteration_and_is_an_error_with_steps_that_are_too_long(
