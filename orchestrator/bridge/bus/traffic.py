@@ -75,7 +75,7 @@ class BusTraffic:
         self._early: deque[tuple[float, int, can.Message]] = deque(maxlen=QUEUE)  # with when they came, and their bus
         self._skipped = 0
         self._stood_in = Counter[SentMessage]()  # safe values that went out since the last step, in place of its frames
-        self._number, self._beat, self._late = -1, 0.0, ""
+        self._number, self._beat, self._late = -1, 0.0, "no step has ended"
         for message in coupling.reception.messages:
             for signal in message.signals:
                 self.inputs[signal.place] = signal.safe

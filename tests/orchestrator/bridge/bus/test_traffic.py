@@ -166,6 +166,18 @@ def test_a_latched_output_stays_at_rest(rig: Database) -> None:
     assert set(torques(bus)[10:]) == {0.125}
 
 
+@pytest.mark.parametrize("resume", ["auto", "latch"])
+def test_an_output_runs_from_the_first_step_that_is_in_time_even_where_it_is_latched(rig: Database, resume: str) -> None:
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said, resume=resume)
+    bus.waiting.append(frame(COMMAND, struct.pack("<hH", 1, 0)))
+    traffic.receive(0.0)
+    traffic.send(0, [0.25], 0.06, 0.06)
+    run(traffic, bus, 70, 91)
+    assert torques(bus) == pytest.approx([0.125, 0.25, 0.25, 0.25], abs=5e-4)
+    assert said == []
+
+
 def test_one_page_or_one_value_that_stays_away_puts_what_needs_it_to_rest(rig: Database) -> None:
     bus, said = ScriptedBus(), list[str]()
     receive = {
