@@ -40,6 +40,7 @@ from orchestrator.trace import FloatArray
 _BEGIN, _END = -2, -1  # instead of the number of a step; with the instant of the first, and the number of the last
 _TELLING = 0.5  # between two reports of how it goes [s]
 _ENDING = 10.0  # patience with the process at the end [s]
+_NAP = 0.001  # between two looks whether it has begun [s]
 _TROUBLE, _OVER = 1, 2  # what the steps are told
 _DEAF = [signal.SIGINT, signal.SIGTERM]
 if sys.platform != "win32":
@@ -81,7 +82,11 @@ class _ProcessKeeper:
         self._thread.start()
 
     def begin(self, start: float) -> None:
+        written = self._board.writings
         self._tell(_BEGIN, start, [0.0] * len(self._coupling.outputs))
+        until = time.monotonic() + self._coupling.rules.give_up
+        while self._board.writings == written and not self._lost and time.monotonic() < until:
+            time.sleep(_NAP)  # the first step is to have what came before it
 
     def inputs(self, now: float) -> FloatArray:
         return self._board.read()

@@ -73,7 +73,8 @@ def figures(seconds: int = SECONDS) -> list[Figure]:
         with hub_process(folder / "bus", bitrate=BITRATE) as hub:
             rig = start("bench", folder, "rig", 0)
             law = start("bridge", folder, "law", 1, "--duration", str(seconds))
-            law.wait()
+            if law.wait():
+                raise RuntimeError(f"the bridge failed: {law.communicate()[1]}")
             rig.send_signal(signal.SIGTERM)
             rig.wait()
             wire = hub.statistics()

@@ -295,6 +295,23 @@ def test_of_all_that_a_guard_has_not_taken_in_a_pause_the_latest_counts_and_it_h
     assert report.frames + report.skipped == 20_000 + 1  # with the safe value
 
 
+def test_the_first_step_has_what_came_before_it_however_late_its_guard_is(tmp_path: Path) -> None:
+    receive = {"rig.voltage": {"signal": "Command.voltage", "safe": 3}}
+    coupling = couple(sample_database(tmp_path), receive=receive, silence=30)
+    with hub_process(tmp_path / "bus", 2) as hub, joined(hub.paths[1]) as other:
+        others = set(children(os.getpid()))
+        with apart([settings(hub.paths[0])], coupling, 0.001, [].append, kills=False) as keeper:
+            (guard,) = set(children(os.getpid())) - others
+            other.send(frame(257, struct.pack("<hH", 7000, 0)))
+            wait_for(lambda: hub.statistics().ports[0].heard == 1)
+            time.sleep(0.1)
+            os.kill(guard, signal.SIGSTOP)
+            threading.Timer(0.04, os.kill, (guard, signal.SIGCONT)).start()
+            keeper.begin(time.monotonic())
+            assert 7.0 in keeper.inputs(0.0)
+            keeper.end()
+
+
 def test_a_guard_that_stands_still_is_known_by_its_time_however_few_the_steps(tmp_path: Path) -> None:
     block = {"send": {"torque": {"source": "rig.torque", "safe": 0}}, "every": {"Guarded": 1}, "give_up": 2}
     coupling, said = couple(sample_database(tmp_path), **block), list[str]()

@@ -167,7 +167,9 @@ def test_a_latched_output_stays_at_rest(rig: Database) -> None:
 
 
 @pytest.mark.parametrize("resume", ["auto", "latch"])
-def test_an_output_runs_from_the_first_step_that_is_in_time_even_where_it_is_latched(rig: Database, resume: str) -> None:
+def test_an_output_runs_from_the_first_step_that_is_in_time_even_where_it_is_latched(
+    rig: Database, resume: str
+) -> None:
     bus, said = ScriptedBus(), list[str]()
     traffic = on(bus, rig, said, resume=resume)
     bus.waiting.append(frame(COMMAND, struct.pack("<hH", 1, 0)))
