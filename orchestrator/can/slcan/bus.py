@@ -24,7 +24,7 @@ from can.interfaces.slcan import slcanBus
 
 from orchestrator.can.slcan import protocol
 from orchestrator.can.slcan.adapter_clock import AdapterClock
-from orchestrator.can.slcan.flow import REPEATED, STALL, Flow, Key
+from orchestrator.can.slcan.flow import LATE, STALL, Flow, Key
 from orchestrator.can.slcan.opening import VERSION, take_over
 
 # Classes of error frames and their details, as socketcan has them in identifier and data (linux/can/error.h).
@@ -61,6 +61,7 @@ class SlcanBus(slcanBus):
 
     Attributes:
         clock: what it makes of the adapter's stamps.
+        tells_version: whether it says its version when it is asked, so that answers up to then are known to be all.
         flow: which frames it took.
         malformed: lines that were no frame and no answer: noise, or an adapter that speaks something else.
         refused: commands and frames that the adapter has not taken (BEL).
@@ -82,7 +83,6 @@ class SlcanBus(slcanBus):
     ) -> None:
         self.malformed = self.refused = 0
         self.stays = self.insists = False
-        self.flow = Flow()
         self.clock = AdapterClock()
         self._bus_state = can.BusState.ACTIVE
         self._received: deque[can.Message] = deque()
@@ -98,7 +98,8 @@ class SlcanBus(slcanBus):
             self.serialPortOrig.reset_output_buffer()
             nominal, data = (timing.nom_bitrate, timing.data_bitrate) if timing else (bitrate, None)
             self._commands = [*_settings(nominal, data, btr), "L" if listen_only else "O"]
-            self.answers, (*lines, self._partial) = take_over(self.serialPortOrig.fd, self._commands)
+            self.tells_version, (*lines, self._partial) = take_over(self.serialPortOrig.fd, self._commands)
+            self.flow = Flow(self.tells_version)
             for line in lines:
                 self._take(line, self._epoch + time.perf_counter())
             can.BusABC.__init__(self, channel, **options)
@@ -116,7 +117,7 @@ class SlcanBus(slcanBus):
         if flow.owed and now - max(flow.given, flow.heard) > STALL and flow.answers:
             with contextlib.suppress(OSError):  # one that is gone is noticed where it is read
                 self._ask(now)
-        if flow.given < self._asked < flow.heard < now - REPEATED:
+        if flow.given < self._asked < flow.heard < now - LATE:
             flow.settle()
         return flow.owed if flow.answers else 0
 
@@ -144,13 +145,14 @@ class SlcanBus(slcanBus):
         port, before = self.serialPortOrig.fd, self.flow.settled
         if port is None:
             raise can.CanOperationError("the port is closed")
+        self.flow.ask()
         lines = "\r".join(["C", *self._commands, "V", ""]).encode("ascii")
         try:
             self._unsent = self._written(port, self._unsent + lines, _CLEARING)
         except OSError as error:
             raise can.CanOperationError(f"the adapter is gone ({error.strerror})") from error
         until = time.monotonic() + _CLEARING
-        while self.answers and self.flow.settled == before:  # answers are in order; the version is the last one
+        while self.tells_version and self.flow.settled == before:  # answers are in order; the version is the last one
             if time.monotonic() > until:
                 raise can.CanTimeoutError("the adapter has stopped to answer")
             self._fetch(0.01)
@@ -214,7 +216,7 @@ class SlcanBus(slcanBus):
         elif line in _TAKEN:
             self.flow.answered(True, time.monotonic())
         elif VERSION.fullmatch(line):
-            self.flow.settle()
+            self.flow.spoke()
         elif _ANSWER.fullmatch(line):
             pass
         elif state := _STATE.fullmatch(line):
@@ -249,6 +251,8 @@ class SlcanBus(slcanBus):
                 self._await_answers(key, timeout)
             with self.flow.giving(key, time.monotonic()):
                 super().send(msg, timeout)
+            if self.tells_version and not self._asked:
+                self._ask(time.monotonic())  # whether it answers to frames, or to this alone
         except OSError as error:
             if isinstance(error, can.CanError):
                 raise
@@ -267,8 +271,8 @@ class SlcanBus(slcanBus):
         """Ask an adapter that has stopped to answer whether it is there, but not all the time."""
         if now - self._asked > _ASKING and self.serialPortOrig.fd is not None:
             self._asked = now
-            self._written(self.serialPortOrig.fd, self._unsent + b"V\r", 0.0)  # answers are in order
-            self._unsent = b""
+            self.flow.ask()
+            self._unsent = self._written(self.serialPortOrig.fd, self._unsent + b"V\r", 0.0)  # answers are in order
 
     def _write(self, string: str) -> None:
         """Write a line whole; what does not fit in time goes before the next line.

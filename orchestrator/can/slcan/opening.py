@@ -22,7 +22,7 @@ _TAKING = 1.0  # with a port that takes nothing [s]
 
 
 def take_over(port: int, commands: Sequence[str]) -> tuple[bool, list[bytes]]:
-    """Close the adapter, and give it these commands; whether it answers, and the lines after its last answer.
+    """Close the adapter, and give it these commands; whether it tells its version, and the lines after its last answer.
 
     Raises:
         CanInitializationError: it refuses a command, takes nothing, or is gone.
@@ -30,7 +30,7 @@ def take_over(port: int, commands: Sequence[str]) -> tuple[bool, list[bytes]]:
     try:
         # a line that the one before has left unfinished is ended first, and the version marks the end of old answers
         answers, rest = _exchange(port, "\rC\rV", lambda known: len(known) == 3 or bool(VERSION.match(known[-1])))
-        answering = bool(answers)
+        answering, tells = bool(answers), any(map(VERSION.fullmatch, answers))
         for command in commands:
             answers, rest = _exchange(port, command, bool, _PATIENCE if answering else _SHORT)
             answering = answering or bool(answers)
@@ -38,7 +38,7 @@ def take_over(port: int, commands: Sequence[str]) -> tuple[bool, list[bytes]]:
                 raise can.CanInitializationError(f"the adapter refuses {_meant(command)}")
     except OSError as error:
         raise can.CanInitializationError(f"the adapter is gone ({error.strerror})") from error
-    return answering, rest
+    return tells, rest
 
 
 def _exchange(

@@ -16,7 +16,7 @@ from fmus.errors import BusError
 from orchestrator.can.live.bus import open_bus, opened
 from orchestrator.can.live.link import linked
 from orchestrator.can.slcan.bus import SlcanBus
-from orchestrator.can.slcan.flow import STALL, Flow
+from orchestrator.can.slcan.flow import LATE, STALL, Flow
 from tests.support.can.scripted_adapter import ScriptedAdapter, willing
 from tests.support.can.wiring import HANG, frame, heard, number, settings, wait_for
 
@@ -47,7 +47,7 @@ def test_an_adapter_that_answers_to_nothing_opens_and_cannot_tell_what_it_took()
         for count in range(200):
             bus.send(frame(count), timeout=0.0)
         wait_for(lambda: len(adapter.frames) == 200)
-        assert not bus.answers and not bus.flow.answers
+        assert not bus.tells_version and not bus.flow.answers
         bus.shutdown()
 
 
@@ -91,6 +91,49 @@ def test_an_adapter_that_refuses_all_is_known_since_when() -> None:
         wait_for(lambda: (bus.recv(0.0), bus.flow.owed)[1] == 0)
         assert bus.flow.refusing is not None and begun <= bus.flow.refusing <= time.monotonic()
         bus.shutdown()
+
+
+@pytest.mark.slow
+def test_an_adapter_that_stops_before_its_first_answer_is_given_no_more_frames() -> None:
+    with ScriptedAdapter() as adapter, linked(settings(adapter.path), 9.0, lambda line: None) as link:
+        adapter.reads.clear()
+        time.sleep(0.1)
+        taken, until = list[bool](), time.monotonic() + 4 * STALL
+        while time.monotonic() < until:
+            taken.append(link.send(frame(len(taken))))
+            time.sleep(0.002)
+        assert any(taken) and not any(taken[-10:])
+        assert link.owed and link.out.total() == 0
+        adapter.reads.set()
+        wait_for(lambda: (link.recv(0.0), link.owed)[1] == 0)
+        assert link.out.total() == sum(taken) and link.send(frame(0x777), HANG)
+
+
+def test_an_adapter_that_answers_to_questions_alone_is_not_waited_for() -> None:
+    with ScriptedAdapter(lambda line: b"" if line[:1] == b"t" else willing(line)) as adapter, on(adapter) as bus:
+        bus.send(frame(0), timeout=HANG)
+        wait_for(lambda: (bus.recv(0.0), bus.flow.answers)[1] is False)
+        for count in range(1, 200):
+            bus.send(frame(count), timeout=0.0)
+        wait_for(lambda: len(adapter.frames) == 200)
+        assert bus.owed == 0 and bus.flow.lost == 0
+        assert adapter.lines.count(b"V") == 2  # when it was opened, and behind the first frame
+
+
+@given(st.floats(0.001, 0.2), st.floats(0.001, 0.02))
+def test_a_message_is_kept_back_after_a_few_times_as_long_as_answers_take(usual: float, period: float) -> None:
+    flow, now = Flow(), 0.0
+    for _ in range(200):
+        with flow.giving(KEY, now):
+            now += usual
+        flow.answered(True, now)
+    given = 0
+    while not flow.stalled(now + given * period, KEY):
+        with flow.giving(KEY, now + given * period):
+            given += 1
+    age = given * period
+    assert min(2 * usual, LATE) - period <= age <= min(max(4 * usual, 0.02), LATE) + period
+    assert not flow.stalled(now + age, (0x7FF, False))
 
 
 @pytest.mark.slow
