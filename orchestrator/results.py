@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 from fmus.errors import InputError
+from fmus.json_document import json_text
 from fmus.owned import MARK, owned_folder
 from fmus.words import listed
 from orchestrator.processes import last_words
@@ -298,9 +299,9 @@ def version_of(package: str) -> str:
         return "not installed"
 
 
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """One JSON document, floats with every bit, NaN refused."""
-    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+def write_json(path: Path, document: object) -> None:
+    """One JSON document; see `json_text`."""
+    path.write_text(json_text(document), encoding="utf-8")
 
 
 def prepare(near: Path, records: Sequence[str], target: Path, about: Mapping[str, Any]) -> None:

@@ -8,7 +8,6 @@ binds the set to it. Either way the values travel with their provenance.
 from __future__ import annotations
 
 import difflib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from lxml import etree
 
 from fmus.errors import FmuFileError
 from fmus.files import atomic_write
+from fmus.json_document import json_text
 from fmus.modelling.model import Number, element, element_number
 from fmus.packaging import archive, defaults
 from fmus.packaging.description.xml import GENERATION_TOOL, xml_number
@@ -78,7 +78,7 @@ def write_back(
     files[defaults.RESOURCE] = defaults.dump(old | {name: start.value for name, start in starts.items()}).encode()
     files[related.MANIFEST] = related.manifest([_CALIBRATED], {_CALIBRATED.source: parameters})
     files[f"{REFERENCES}/{_CALIBRATED.source}"] = parameters
-    files[PROVENANCE] = _json(origin)
+    files[PROVENANCE] = json_text(origin).encode()
     archive.write(target, files)
     return [target]
 
@@ -119,7 +119,7 @@ def _beside(
     written = [target.with_suffix(suffix) for suffix in (".ssp", ".ssv", ".provenance.json")]
     ssv.write_ssp(written[0], source, ports, values)
     atomic_write(written[1], parameters)
-    atomic_write(written[2], _json(provenance))
+    atomic_write(written[2], json_text(provenance).encode())
     return written
 
 
@@ -248,7 +248,3 @@ def _defaults(source: Path, text: bytes) -> dict[str, Number]:
         return defaults.load(text.decode())
     except ValueError as error:
         raise FmuFileError(f"{source}: {defaults.RESOURCE}", f"is damaged ({error})", "build the FMU again") from error
-
-
-def _json(document: Mapping[str, Any]) -> bytes:
-    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()

@@ -9,6 +9,7 @@ from identification.design.search import TriedExperiment
 from identification.design.summary import SHOWN, DesignSummary, summary
 from identification.design.written import CALIBRATION, EXPERIMENTS
 from identification.result_sections import provenance
+from identification.results import finite
 from orchestrator.display.table import Cell
 from orchestrator.display.titles import with_unit
 from orchestrator.report import Report, Section
@@ -23,7 +24,7 @@ def report(design: Design) -> Report:
     section.warnings(design.remarks)
     if sought := document.get("duration"):
         section.callout("ok" if sought["reached"] else "error", sought["said"])
-        tried: list[list[Cell]] = [[one["duration"], one["of_target"], one["problem"]] for one in sought["tried"]]
+        tried: list[list[Cell]] = [[float(one.duration), finite(one.of_target), one.problem] for one in design.trials]
         section.table(["duration [s]", "largest half-width over the target", ""], tried, caption="Durations tried")
     worst = document["worst"]
     entries: list[tuple[str, Cell, str]] = [("worst half-width, predicted", _share(worst["after"]), "of its value")]

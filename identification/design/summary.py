@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NotRequired
 
 import numpy as np
@@ -10,7 +11,7 @@ from typing_extensions import TypedDict
 from identification.design.criteria import QUANTILE
 from identification.design.design import Design
 from identification.design.search import TriedExperiment
-from identification.design.study import Sought
+from identification.design.study import DurationTrial, Sought
 from identification.results import ParameterSummary, Summary, finite
 from orchestrator.fmi.interface import Value
 from orchestrator.results import versions
@@ -62,14 +63,6 @@ class SearchedSummary(TypedDict):
     figures: list[float | None]
 
 
-class DurationTrialSummary(TypedDict):
-    """A duration that was tried [s], and the largest half-width over what it may be; where that is null, why."""
-
-    duration: float
-    of_target: float | None
-    problem: str
-
-
 class DurationSummary(TypedDict):
     """The duration that was sought: what it has to reach, whether it does, and all that were tried.
 
@@ -81,7 +74,7 @@ class DurationSummary(TypedDict):
     seconds: float
     target: str
     reached: bool
-    tried: list[DurationTrialSummary]
+    tried: Sequence[DurationTrial]
     said: str
 
 
@@ -148,10 +141,7 @@ def _duration(design: Design, sought: Sought) -> DurationSummary:
         "seconds": taken,
         "target": str(sought),
         "reached": design.reached,
-        "tried": [
-            {"duration": float(one.duration), "of_target": finite(one.of_target), "problem": one.problem}
-            for one in design.trials
-        ],
+        "tried": design.trials,
         "said": said,
     }
 

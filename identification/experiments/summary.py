@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from typing_extensions import TypedDict
@@ -11,14 +12,13 @@ from identification.experiments.experiments import Experiments
 from identification.experiments.reduction import ReductionExample, ValidationErrors
 from identification.experiments.schema import ControlLoop
 from identification.experiments.set_result import SetResult
-from identification.experiments.tables import model_name, reduced_name, tables
+from identification.experiments.tables import ThesisTable, model_name, reduced_name, tables
 from identification.linear.fmu import linear_fmu
 from identification.linear.model import LinearModel
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
 from identification.recordings.units import unit_documents
 from identification.results import ClaimsSummary, ClaimSummary, data_summary, finite
-from orchestrator.display.table import Cell
 from orchestrator.results import versions
 
 
@@ -54,7 +54,8 @@ class SetSummary(TypedDict):
     model: str
 
 
-class RankSummary(TypedDict):
+@dataclass(frozen=True)
+class ModeRank:
     """A mode by its label, and its ranks."""
 
     mode: str
@@ -74,7 +75,7 @@ class ExampleSummary(TypedDict):
 
     data: str
     compensation_removed: bool
-    ranking: list[RankSummary]
+    ranking: list[ModeRank]
     stages: dict[str, StageSummary]
 
 
@@ -84,20 +85,13 @@ class FinalModelSummary(ModelSummary):
     modes: list[ModeSummary]
 
 
-class PhysicalModeSummary(TypedDict):
+@dataclass(frozen=True)
+class PayloadMode:
     """A mode of the physical model: payload [kg], frequency [Hz], damping ratio."""
 
     payload: float
     frequency: float
     damping: float
-
-
-class TableSummary(TypedDict):
-    """A table of the thesis."""
-
-    caption: str
-    headers: list[str]
-    rows: list[list[Cell]]
 
 
 class ExperimentsSummary(ClaimsSummary):
@@ -108,8 +102,8 @@ class ExperimentsSummary(ClaimsSummary):
     linear_models: dict[str, FinalModelSummary]
     figures: dict[str, float | None]
     compared: dict[str, float | None] | None
-    physical_modes: list[PhysicalModeSummary]
-    tables: dict[str, TableSummary]
+    physical_modes: list[PayloadMode]
+    tables: dict[str, ThesisTable]
 
 
 def summary(experiments: Experiments) -> ExperimentsSummary:
@@ -132,13 +126,11 @@ def summary(experiments: Experiments) -> ExperimentsSummary:
         "figures": _figures(experiments),
         "compared": _figures(experiments.compared) if experiments.compared else None,
         "physical_modes": [
-            {"payload": payload, "frequency": mode.frequency, "damping": mode.damping}
+            PayloadMode(payload, mode.frequency, mode.damping)
             for payload, physical in experiments.physical.items()
             for mode in physical
         ],
-        "tables": {
-            table.number: {"caption": table.caption, "headers": table.headers, "rows": table.rows} for table in found
-        },
+        "tables": {table.number: table for table in found},
         "data": data_summary(experiments.recorded),
         "units": unit_documents(experiments.recorded),
         "versions": versions(),
@@ -234,10 +226,7 @@ def _example(experiments: Experiments, reduction: ReductionExample) -> ExampleSu
     return {
         "data": example.data,
         "compensation_removed": example.removed,
-        "ranking": [
-            {"mode": label, "mrm": mrm, "msv": msv}
-            for label, mrm, msv in zip(ranking.labels, ranking.mrm, ranking.msv, strict=True)
-        ],
+        "ranking": list(map(ModeRank, ranking.labels, ranking.mrm, ranking.msv)),
         "stages": {
             stage.name: {"kept": list(stage.kept), "order": stage.model.order, **_errors(stage.errors)}
             for stage in reduction.stages

@@ -36,6 +36,8 @@ WORDS = {
 class ThesisTable:
     """A table by its number in the thesis."""
 
+    KEYS = ("caption", "headers", "rows")
+
     number: str
     caption: str
     headers: list[str]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,15 +21,6 @@ from orchestrator.results import result_folder, versions, write_json
 FMU = "linear.fmu"
 
 
-class SignalSummary(TypedDict):
-    """An input or output: its name in the model, component.variable, unit, and the value that it counts from."""
-
-    name: str
-    of: str
-    unit: str
-    zero: float
-
-
 class LinearisedSummary(TypedDict):
     """What `summary.json` holds; the matrices take `inputs` to `outputs`, both from their zero.
 
@@ -43,8 +34,8 @@ class LinearisedSummary(TypedDict):
     time: float
     point: str
     case: str
-    inputs: list[SignalSummary]
-    outputs: list[SignalSummary]
+    inputs: Sequence[ModelSignal]
+    outputs: Sequence[ModelSignal]
     modes: list[ModeSummary]
     model: ModelSummary
     by: dict[str, str]
@@ -109,14 +100,13 @@ class Linearised:
     @property
     def summary(self) -> LinearisedSummary:
         """All that in plain values."""
-        ins, outs = ([_signal(signal) for signal in side] for side in (self.inputs, self.outputs))
         return {
             "title": self.title,
             "time": self.time,
             "point": self.point,
             "case": self.case,
-            "inputs": ins,
-            "outputs": outs,
+            "inputs": self.inputs,
+            "outputs": self.outputs,
             "modes": summaries(self.modes),
             "model": model_summary(self.model),
             "by": dict(self.by),
@@ -142,7 +132,3 @@ class Linearised:
     def _repr_html_(self) -> str:
         rows = [(one["mode"], one["frequency"], one["damping"]) for one in summaries(self.modes)]
         return table(("mode", "frequency [Hz]", "damping"), rows, caption=self.title)
-
-
-def _signal(signal: ModelSignal) -> SignalSummary:
-    return {"name": signal.name, "of": signal.of, "unit": signal.unit, "zero": signal.zero}

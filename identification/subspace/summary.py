@@ -14,6 +14,7 @@ from fmus.errors import IdentificationError
 from identification.fits import FitSummary, fit_summary, median
 from identification.linear.fmu import linear_fmu
 from identification.linear.modes import modes
+from identification.linear.reduction import Reduction
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
 from identification.recordings.campaign import recording_warnings
@@ -61,14 +62,6 @@ class OffsetsSummary(TypedDict):
     outputs: dict[str, float]
 
 
-class ReductionSummary(TypedDict):
-    """Modes that were left out, the bound on the mean absolute error of an output, and what it is, both relative."""
-
-    dropped: list[str]
-    bound: float
-    measured: float
-
-
 class SubspaceSummary(Summary):
     """The summary of a subspace study; `models` by their names, `written` the one in the FMU.
 
@@ -81,7 +74,7 @@ class SubspaceSummary(Summary):
     written: str
     tried: list[SubspaceTrialSummary]
     offsets: OffsetsSummary | None
-    reduction: ReductionSummary | None
+    reduction: Reduction | None
     changes: NotRequired[list[dict[str, list[list[float]]]]]
 
 
@@ -96,7 +89,7 @@ def summary(result: SubspaceCalibration) -> SubspaceSummary:
         "written": taken.name,
         "tried": [_trial(trial) for trial in result.trials],
         "offsets": _offsets(result),
-        "reduction": _reduction(result),
+        "reduction": result.reduction,
         "fit": fits_of(result, taken),
         "data": data_summary(result.recorded, study.traces.held_out),
         "units": unit_documents(result.recorded),
@@ -131,11 +124,6 @@ def _offsets(result: SubspaceCalibration) -> OffsetsSummary | None:
         "inputs": dict(zip(inputs, known.u.tolist(), strict=True)),
         "outputs": dict(zip(outputs, known.y.tolist(), strict=True)),
     }
-
-
-def _reduction(result: SubspaceCalibration) -> ReductionSummary | None:
-    known = result.reduction
-    return None if known is None else {"dropped": list(known.dropped), "bound": known.bound, "measured": known.measured}
 
 
 def subspace_verdict(result: SubspaceCalibration) -> VerdictSummary:

@@ -265,7 +265,7 @@ def _with_step_errors(
     for name in dict.fromkeys(error.signal for error in errors if error.unsettled):
         cases = ", ".join(error.case for error in errors if error.unsettled and error.signal == name)
         lines.append(f"{name} ({cases}): the difference does not fall with the step as an error does; try shorter ones")
-    document = {**answer.document, "steps": [error.document() for error in errors]}
+    document = {**answer.document, "steps": errors}
     return replace(answer, document=document, shown=[*answer.shown, listing, *lines])
 
 
@@ -277,10 +277,11 @@ def info(
 ) -> Answer:
     """What an FMU, an SSP, a trace or a result holds."""
     if tree:
+        from fmus.json_document import document_of
         from orchestrator.ssp import tree as trees
 
         inside = trees.tree(file)
-        return Answer(inside.document(), list(inside.lines()))
+        return Answer(document_of(inside), list(inside.lines()))
     from orchestrator.info import about
 
     document = about(file)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar, get_type_hi
 import typer
 
 from fmus.errors import InputError, ServotwinError, ours
+from fmus.json_document import json_text
 from orchestrator.display.plain import plain
 from orchestrator.display.stdout import stdout_kept, unread
 from orchestrator.processes.interrupts import Interrupts, requested
@@ -212,7 +213,7 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
 
 def _tell(answer: Answer, terminal: Terminal) -> None:
     if terminal.json:
-        sys.stdout.write(json.dumps(answer.document, indent=2, allow_nan=False) + "\n")
+        sys.stdout.write(json_text(answer.document))
     elif not terminal.quiet:
         for shown in answer.shown:
             show(shown)

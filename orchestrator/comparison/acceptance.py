@@ -10,10 +10,10 @@ from typing_extensions import TypedDict
 
 from fmus.errors import InputError
 from fmus.files import atomic_writes
-from orchestrator.comparison.documents import PartingDocument, documents_of
 from orchestrator.comparison.proposal import ChangeKind, NewReference, Proposal
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
+from orchestrator.measures import Parting
 from orchestrator.processes.interrupts import whole
 from orchestrator.report import Chart, Curve, Panel, Report, Section
 from orchestrator.report.content import CalloutKind
@@ -34,7 +34,7 @@ class ReferenceDocument(TypedDict):
     samples: int
     kept: int
     bytes: int
-    signals: list[PartingDocument]
+    signals: Sequence[Parting]
 
 
 class AcceptanceDocument(TypedDict):
@@ -121,7 +121,7 @@ def _document(new: NewReference, written: Collection[Path]) -> ReferenceDocument
         "samples": len(new.run),
         "kept": len(new.kept),
         "bytes": len(new.content),
-        "signals": documents_of(new.partings),
+        "signals": new.partings,
     }
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from typing_extensions import TypedDict
 
 from orchestrator.comparison.comparison import Comparison
-from orchestrator.comparison.documents import PartingDocument, documents_of
-from orchestrator.crossing import CrossingDocument
-from orchestrator.crossing import documents_of as documents_of_crossings
+from orchestrator.crossing import CrossingDocument, documents_of
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
 from orchestrator.measures import Parting
@@ -21,13 +20,14 @@ HEADERS = ("case", "signal", "parts at [s]", "by", "largest difference", "at [s]
 DRAWN = 12  # signals of a case on a page, those that differ most
 
 
-class FirstDocument(TypedDict):
+@dataclass(frozen=True)
+class FirstParting:
     """Where two sides part first."""
 
     case: str
     signal: str
     time: float
-    by: float | None
+    by: float
     unit: str
     tolerance: float
 
@@ -36,7 +36,7 @@ class PairDocument(TypedDict):
     """A case of both sides."""
 
     name: str
-    signals: list[PartingDocument]
+    signals: Sequence[Parting]
 
 
 class ComparisonDocument(TypedDict):
@@ -45,7 +45,7 @@ class ComparisonDocument(TypedDict):
     a: str
     b: str
     agree: bool
-    first: FirstDocument | None
+    first: FirstParting | None
     cases: list[PairDocument]
     notes: list[str]
     interface: list[str]
@@ -59,27 +59,19 @@ def document_of(comparison: Comparison) -> ComparisonDocument:
         "b": comparison.other.name,
         "agree": comparison.agree,
         "first": _first(comparison),
-        "cases": [{"name": pair.name, "signals": documents_of(pair.partings)} for pair in comparison.pairs],
+        "cases": [{"name": pair.name, "signals": pair.partings} for pair in comparison.pairs],
         "notes": list(comparison.notes),
         "interface": list(comparison.interface),
-        "units": documents_of_crossings(comparison.crossings),
+        "units": documents_of(comparison.crossings),
     }
 
 
-def _first(comparison: Comparison) -> FirstDocument | None:
+def _first(comparison: Comparison) -> FirstParting | None:
     if comparison.first is None:
         return None
     case, parting = comparison.first
-    (document,) = documents_of([parting])
-    assert document["first"] is not None
-    return {
-        "case": case,
-        "signal": parting.signal,
-        "time": document["first"],
-        "by": document["by"],
-        "unit": parting.unit,
-        "tolerance": parting.tolerance,
-    }
+    assert parting.first is not None
+    return FirstParting(case, parting.signal, parting.first, parting.by, parting.unit, parting.tolerance)
 
 
 def sentence(comparison: Comparison) -> str:

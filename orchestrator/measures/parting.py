@@ -24,10 +24,12 @@ class Parting:
         largest: the largest difference, infinite where only one of the two is a number [unit of the signal].
         at: when that is [s].
         first: when the difference is beyond the tolerance for the first time [s], None where it never is.
-        by: the difference then [unit of the signal].
+        by: the difference then [unit of the signal]; NaN where it never is.
         samples: how many are beyond the tolerance, of how many that were compared.
         texts: of a signal that holds text, what both say then; such signals differ by 1 or not at all.
     """
+
+    KEYS = ("signal", "unit", "tolerance", "largest", "at", "times", "beyond", "first", "by", "texts?")
 
     signal: str
     unit: str
@@ -110,7 +112,7 @@ def _parting(one: Trace, other: Trace, name: str, tolerance: float) -> Parting:
         float(difference[most]),
         float(one.time[most]),
         None if first is None else float(one.time[first]),
-        0.0 if first is None else float(difference[first]),
+        math.nan if first is None else float(difference[first]),
         (len(beyond), len(difference)),
         None if first is None or name not in one.texts else (_said(one, name, first), _said(other, name, first)),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
@@ -38,7 +38,7 @@ class RunCaseDocument(CaseDocument):
     statistics: NotRequired[dict[str, accounts.ShareDocument]]
     loop: NotRequired[dict[str, float]]
     deadlines: NotRequired[DeadlineFigures]
-    changes: NotRequired[list[ChangeDocument]]
+    changes: NotRequired[Sequence[ValueChange]]
     buses: NotRequired[dict[str, BusDocument]]
     intermediate: NotRequired[dict[str, str]]
 
@@ -49,18 +49,6 @@ class RecordingDocument(TypedDict):
     read_for: str
     file: str
     sha256: str
-
-
-class ChangeDocument(TypedDict):
-    """A value that was changed while the case ran; times in seconds, values in the units of their variables."""
-
-    time: float
-    step: int
-    name: str
-    before: Value
-    value: Value
-    asked: Value
-    by: str
 
 
 class BusDocument(TypedDict):
@@ -187,18 +175,6 @@ def document_of_check(check: Check) -> CheckDocument:
     return document
 
 
-def _change(change: ValueChange) -> ChangeDocument:
-    return {
-        "time": change.time,
-        "step": change.step,
-        "name": change.name,
-        "before": change.before,
-        "value": change.value,
-        "asked": change.asked,
-        "by": change.by,
-    }
-
-
 def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
     document: RunCaseDocument = {
         "name": case.name,
@@ -232,6 +208,6 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
             names = case.result.intermediate
             document["intermediate"] = {name: intermediate_file(result, case, name) for name in names}
         if case.result.changes:
-            document["changes"] = [_change(change) for change in case.result.changes]
+            document["changes"] = case.result.changes
         return {**document, **accounts.document_of(case.result)}
     return document

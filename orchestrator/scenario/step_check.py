@@ -31,6 +31,8 @@ class StepCost:
         order: p of an error that falls as h^p, by h, h/2 and h/4; None where two of the three are equal to rounding.
     """
 
+    KEYS = ("case", "signal", "unit", "error", "difference", "share", "order")
+
     case: str
     signal: str
     unit: str
@@ -49,18 +51,6 @@ class StepCost:
     def unsettled(self) -> bool:
         """Whether it does not fall with the step as an error does: not at all, or as where h is far too long."""
         return self.order is not None and not _LEAST <= self.order <= _MOST
-
-    def document(self) -> dict[str, str | float | None]:
-        """As plain values."""
-        return {
-            "case": self.case,
-            "signal": self.signal,
-            "unit": self.unit,
-            "error": self.error,
-            "difference": self.difference,
-            "share": self.share,
-            "order": self.order,
-        }
 
     def row(self) -> tuple[str, str, str, str, str]:
         """What stands under `HEADERS`."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NotRequired, TypedDict
 
 from fmus.errors import FmuFileError
 from fmus.packaging import archive
@@ -18,16 +17,6 @@ _DESCRIPTION = "modelDescription.xml"
 _PACKED = (".fmu", ".ssp")
 
 
-class InsideDocument(TypedDict):
-    """An archive, an unpacked FMU, or a model or a wire in the FMU of a system."""
-
-    place: str
-    model: str
-    fmi: str
-    holds: list[InsideDocument]
-    note: NotRequired[str]
-
-
 @dataclass(frozen=True)
 class Inside:
     """An archive, an unpacked FMU, or a model or a wire in the FMU of a system.
@@ -35,25 +24,21 @@ class Inside:
     Attributes:
         place: where it is in what it is inside of, or its name there; its path for the outermost one.
         model: name of the model; "" of an SSP or a wire.
-        version: of FMI; "" of what is no FMU.
+        fmi: its version; "" of what is no FMU.
         note: what else is to be known of it.
     """
 
+    KEYS = ("place", "model", "fmi", "holds", "note?")
+
     place: str
     model: str
-    version: str
+    fmi: str
     holds: tuple[Inside, ...] = ()
     note: str = ""
 
-    def document(self) -> InsideDocument:
-        """The same in plain values."""
-        holds = [one.document() for one in self.holds]
-        document: InsideDocument = {"place": self.place, "model": self.model, "fmi": self.version, "holds": holds}
-        return document | {"note": self.note} if self.note else document
-
     def lines(self, level: int = 0) -> Iterator[str]:
         """A line each, what is inside further in."""
-        said = ", ".join(filter(None, [self.model, self.version and f"FMI {self.version}", self.note]))
+        said = ", ".join(filter(None, [self.model, self.fmi and f"FMI {self.fmi}", self.note]))
         yield f"{'  ' * level}{self.place}{said and f': {said}'}"
         for one in self.holds:
             yield from one.lines(level + 1)

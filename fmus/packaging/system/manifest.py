@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from fmus.errors import FmuFileError
+from fmus.json_document import json_text
 from fmus.packaging.system import nested
 from fmus.packaging.system.fused import FusedSystem, Wire
 
@@ -59,8 +60,8 @@ def written(system: FusedSystem) -> bytes:
         )
         for name, part in system.parts.items()
     )
-    document = asdict(SystemManifest(system.name, system.description, float(system.base), parts, system.wires))
-    return (json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    document = SystemManifest(system.name, system.description, float(system.base), parts, system.wires)
+    return json_text(document, ascii_alone=False).encode()
 
 
 def read(place: str, content: bytes) -> SystemManifest:

@@ -182,11 +182,6 @@ def load_result(folder: str | Path) -> SweepResult:
     return SweepResult(path, document)
 
 
-def text_of(document: SweepDocument) -> bytes:
-    """A summary as its file has it."""
-    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
-
-
 def _row(asked: AskedDocument) -> tuple[str, ...]:
     share = "–" if asked["share"] is None else f"{asked['held']:,} of {asked['of']:,}"
     interval = "–" if asked["interval"] is None else "{:.3g} to {:.3g} %".format(*(100 * e for e in asked["interval"]))

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from fmus.files import atomic_write
+from fmus.json_document import json_text
 from orchestrator.batch.sweep.runs.preparation import PreparedSweep
 from orchestrator.batch.sweep.runs.rows import HELD, MARGIN
 from orchestrator.batch.sweep.runs.setup import Asked
-from orchestrator.batch.sweep.told.result import SUMMARY, AskedDocument, SweepDocument, SweepResult, text_of
+from orchestrator.batch.sweep.told.result import SUMMARY, AskedDocument, SweepDocument, SweepResult
 from orchestrator.measures.share import share_interval
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
@@ -24,7 +25,7 @@ def write_summary(study: PreparedSweep, folder: Path) -> SweepResult:
     """The result of a study that is done, with its `summary.json`."""
     found = SweepResult(folder, {})  # type: ignore[typeddict-item]
     document = _document(study, found)
-    atomic_write(folder / SUMMARY, text_of(document))
+    atomic_write(folder / SUMMARY, json_text(document).encode())
     return SweepResult(folder, document)
 
 
