@@ -53,6 +53,15 @@ def test_the_step_changes_nothing_about_what_clocks_send(node: Node, run: Run) -
     np.testing.assert_allclose(one.time, other.time, atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ['constant" intervalDecimal="0.1', "changing"])
+def test_a_node_sends_at_the_ticks_of_whatever_clock_goes_by_time(node: Node, run: Run, kind: str) -> None:
+    def sent(*change: tuple[str, str]) -> list[float]:
+        found = run({"a": (node(*change), {"first": 0.0}), "b": (node(), {"first": 10})}, BUS)
+        return found.carried["can0"].frames.time.tolist()
+
+    assert len(sent()) == 10 and sent(('intervalVariability="countdown', f'intervalVariability="{kind}')) == sent()
+
+
 def test_what_a_step_gave_is_sent_when_it_is_over(node: Node, run: Run) -> None:
     given = {"triggered": 1, "first": 0.02, "period": 10}
     found = run({"a": (node(triggered=True), given), "b": (node(), {"first": 10})}, BUS)
