@@ -19,7 +19,7 @@ enum { INSTANTIATED = 1, INITIALISATION = 2, EVENT = 4, STEP = 8 };
 
 typedef struct {
     double real[OUTPUTS]; /* by reference */
-    bool notified, rx, tx, shown, told;
+    bool notified, rx, tx, shown, told, taken;
     unsigned char out[4096], in[4096];
     size_t out_size, in_size;
     double time;
@@ -148,6 +148,8 @@ FMI3_Export fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference r[
 {
     Instance *it = c;
     REQUIRE(n == 1 && r[0] == TX_DATA && it->mode == EVENT && it->tx);
+    REQUIRE(!it->taken); /* as some that make their operations when they are asked for them */
+    it->taken = true;
     sizes[0] = it->out_size, values[0] = it->out;
     return fmi3OK;
 }
@@ -178,7 +180,7 @@ FMI3_Export fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *aga
         receive(it);
     if (it->tx)
         it->out_size = 0;
-    it->rx = it->tx = it->shown = false, it->in_size = 0;
+    it->rx = it->tx = it->shown = it->taken = false, it->in_size = 0;
     *again = *ending = *nominals = *values = *known = false;
     return fmi3OK;
 }
