@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from fmus.errors import InputError
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.scenario.run.keeping import Keeping
@@ -69,8 +70,11 @@ def step_errors(
     It is run twice more, with a half and a quarter of its step.
 
     Raises:
+        InputError: it holds no number.
         ServotwinError: as `run_scenario`, also where a component cannot take such steps.
     """
+    if not any(case.result is None or case.trace.numbers.signals for case in result.cases):
+        raise InputError("--check-step", "nothing that is recorded is a number", "name variables in `record`")
 
     def run(parts: int) -> ScenarioResult:
         keeping = Keeping(result.keeping.every * parts)

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmus.errors import InputError
 from orchestrator import Scenario, load_scenario, run
 from orchestrator.scenario.step_check import StepCost, step_errors
 from tests.support.commands import servotwin
+from tests.support.fmus import quirks
 
 COUPLED = """
 title: coupled
@@ -52,6 +54,13 @@ def test_the_error_is_that_of_the_run_and_falls_as_the_step_does_where_values_ar
 
 def test_nothing_is_said_of_the_order_of_what_steps_do_not_change(tmp_path: Path) -> None:
     assert {(error.difference, error.order) for error in errors(scenario(tmp_path, ALONE)).values()} == {(0.0, None)}
+
+
+def test_a_run_that_records_nothing_is_not_said_to_be_without_error(tmp_path: Path) -> None:
+    quirks.build(tmp_path / "lag.fmu", output=False)
+    text = "title: lag\ncomponents: {lag: {fmu: lag.fmu}}\nrun: {stop: 1, step: 0.1}"
+    with pytest.raises(InputError, match="--check-step: nothing that is recorded is a number; name variables in"):
+        errors(scenario(tmp_path, text))
 
 
 @pytest.mark.parametrize("order", [0.0, -2.0, 36.0])
