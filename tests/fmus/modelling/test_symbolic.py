@@ -98,6 +98,7 @@ def test_expressions_give_what_the_functions_give(name: str, data: st.DataObject
         assert found == pytest.approx(dict(expected), rel=1e-9, abs=1e-12), label
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", library.names())
 def test_solver_step_and_requirements_can_be_traced_too(name: str) -> None:
     model = library.find(name)

@@ -74,6 +74,7 @@ def of_file(folder: Path, **changes: str) -> str:
     return fingerprint(library.find(str(path)))
 
 
+@pytest.mark.slow
 @given(PLAIN, PLAIN)
 def test_values_have_one_fingerprint_where_they_are_written_alike(one: Any, other: Any) -> None:
     def listed(value: Any) -> Any:  # lists and tuples are not told apart

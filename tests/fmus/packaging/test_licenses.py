@@ -18,6 +18,7 @@ def test_the_terms_that_travel_are_those_of_the_project() -> None:
     assert (ROOT / "fmus" / "packaging" / "license.txt").read_text() == TERMS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("target", "fmi", "others"),
     [("native", 2, "headers of FMI"), ("native", 3, "headers of FMI"), ("python", 2, "MIT License")],

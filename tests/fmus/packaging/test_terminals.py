@@ -26,6 +26,7 @@ Built = Callable[[str, int], Path]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_terminals_and_icons_are_valid_and_there(source_fmu: Built, name: str) -> None:
     files = archive.read(source_fmu(name, 3))
@@ -43,6 +44,7 @@ def test_terminals_and_icons_are_valid_and_there(source_fmu: Built, name: str) -
     assert (document.find("Terminals") is not None) == bool(library.find(name).ports)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_fmi_2_has_an_icon_and_keeps_the_terminals_among_what_is_of_tools(source_fmu: Built, name: str) -> None:
     files, modern = archive.read(source_fmu(name, 2)), archive.read(source_fmu(name, 3))
@@ -75,6 +77,7 @@ def gauge(unit: str = "N.m") -> Model:
     )
 
 
+@pytest.mark.slow
 def test_a_port_of_another_quantity_names_it(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"gauge: port end: m is its torque and has the unit 'V'; give it one of N\.m"):
         targets.build(gauge("V"), tmp_path / "gauge.fmu", target="native")

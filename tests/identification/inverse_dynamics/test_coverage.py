@@ -60,6 +60,7 @@ def test_without_noise_both_find_the_axis_to_what_the_filters_leave() -> None:
         assert found.values == pytest.approx(TRUTH, rel=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "cutoff"),
     [(50.0, 8.0), (50.0, 10.0), (100.0, 8.0), (100.0, 20.0), (200.0, 8.0), (200.0, 40.0), (1000.0, 20.0)],

@@ -45,6 +45,7 @@ def ran(file: Path) -> Result:
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "speed"), [("pendulum", "speed"), ("geared_pendulum", "rotor_speed")])
 @pytest.mark.parametrize("line", ["motor.shaft -> hand.shaft", "hand.shaft -> motor.shaft"])
 def test_two_shafts_are_wired_both_ways_as_by_hand(tmp_path: Path, model: str, speed: str, line: str) -> None:
@@ -54,6 +55,7 @@ def test_two_shafts_are_wired_both_ways_as_by_hand(tmp_path: Path, model: str, s
     assert np.ptp(joined["motor.torque"]) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_fmus_of_both_versions_are_joined(tmp_path: Path, fmi: int) -> None:
     parts = {"motor": "dc_motor", "hand": "pendulum"}
@@ -90,6 +92,7 @@ def shaft(name: str, driving: bool, outward: bool) -> Model:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("outward", "sign"), [((True, False), 1), ((False, True), 1), ((False, False), -1)])
 def test_a_flow_that_both_count_alike_is_turned_round(outward: tuple[bool, bool], sign: int) -> None:
     parts = {"a": shaft("giver", True, outward[0]), "b": shaft("taker", False, outward[1])}

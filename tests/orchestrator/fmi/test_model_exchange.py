@@ -186,6 +186,7 @@ def test_whatever_the_input_does_the_masses_move_exactly(
     assert [found["fmu.x1"][-1], found["fmu.x2"][-1]] == pytest.approx(x[[0, 2]], abs=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [SolverMethod.CVODE, SolverMethod.RADAU, SolverMethod.BDF, SolverMethod.LSODA])
 def test_a_stiff_system_takes_implicit_methods_few_steps(method: SolverMethod, shelf: Shelf) -> None:
     """A mode of 0.5 µs, over 10 s; fewer steps than an explicit method needs for stability alone by four decades."""
@@ -222,6 +223,7 @@ def test_a_plant_under_sampled_control_follows_the_exact_recursion(
         assert [found["plant.x1"][k + 1], found["plant.x2"][k + 1]] == pytest.approx(x[[0, 2]], abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["masses2", "masses3", "pendulum2"])
 def test_the_two_interfaces_of_an_fmu_agree(name: str, shelf: Shelf) -> None:
     fmu, stimulus = shelf(name), "fmu.torque" if name == "pendulum2" else "fmu.force"
@@ -267,6 +269,7 @@ def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 @pytest.mark.parametrize("name", ["Dahlquist3", "BouncingBall2"])
 def test_memory_does_not_grow_over_runs(name: str, shelf: Shelf) -> None:

@@ -60,6 +60,7 @@ def heard(bus: can.BusABC) -> list[tuple[int, bytes]]:
     return [(frame.arbitration_id, bytes(frame.data)) for frame in iter(lambda: bus.recv(0), None)]
 
 
+@pytest.mark.slow
 def test_the_frames_on_the_bus_are_those_of_the_run(
     node: Node, scenario: Any, peer: can.BusABC, tmp_path: Path
 ) -> None:
@@ -170,6 +171,7 @@ def test_after_a_pause_of_its_process_no_old_frames_pass_either_way(node: Node, 
     assert len(before) + len(after) == own - unsent
 
 
+@pytest.mark.slow
 def test_a_lost_bus_ends_network_fmus_with_their_result(node: Node, scenario: Any, tmp_path: Path) -> None:
     class Unplugged(can.interfaces.virtual.VirtualBus):
         def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -196,6 +198,7 @@ def test_direct_wires_alone_are_not_coupled(node: Node, scenario: Any, tmp_path:
         coupled(file, str(tmp_path))
 
 
+@pytest.mark.slow
 def test_the_command_bridges_network_fmus(node: Node, scenario: Any, tmp_path: Path) -> None:
     file = scenario({"a": (node(), FAST), "b": (node(), {})}, BUS, step=0.01, stop=0.1)
     command = ["can", "bridge", str(file), "--interface", "virtual", "--channel", str(tmp_path), "--json"]

@@ -34,7 +34,7 @@ from orchestrator.scenario.run import run_scenario
 from tests.support.commands import servotwin
 from tests.support.fmus.either import schema
 
-pytestmark = pytest.mark.skipif(not compiler.available(), reason="there is no C compiler")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not compiler.available(), reason="there is no C compiler")]
 Run = Callable[..., Result]
 
 HEAD = """VERSION ""
@@ -185,7 +185,6 @@ def test_what_is_received_is_what_was_sent_rounded_by_its_frame(carried: Result)
     assert max(np.min(np.abs(sent - got)) for got in trace["t.got_e"]) < 1e-24
 
 
-@pytest.mark.slow
 def test_a_loop_over_a_bus_is_the_wired_one_but_for_rounding_and_delay(tmp_path: Path, scenario: Any) -> None:
     rig = (
         HEAD

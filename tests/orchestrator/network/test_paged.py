@@ -25,7 +25,7 @@ from orchestrator.can.statistics import FrameStatistics
 from orchestrator.engine import Result
 from orchestrator.network.export import exported
 
-pytestmark = pytest.mark.skipif(not compiler.available(), reason="there is no C compiler")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not compiler.available(), reason="there is no C compiler")]
 Run = Callable[..., Result]
 
 TAIL = """

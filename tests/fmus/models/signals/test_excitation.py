@@ -188,6 +188,7 @@ def test_a_random_value_is_held_for_its_sample_time() -> None:
     assert len(set(held[:, 0])) == 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 @given(divisor=st.integers(2, 7), start=st.integers(0, 5000))
 def test_the_signal_does_not_depend_on_the_step_or_on_where_it_is_entered(shape: str, divisor: int, start: int) -> None:

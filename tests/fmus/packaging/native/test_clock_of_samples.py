@@ -52,6 +52,7 @@ def test_who_samples_has_a_clock_and_nobody_else(native_fmu: Build) -> None:
         assert clocks(fmu) == ([("input", "fixed")] if library.find(name).sampled else []), name
 
 
+@pytest.mark.slow
 def test_where_an_input_acts_late_there_is_no_clock(tmp_path: Path) -> None:
     model = library.find("daq")
     more = (
@@ -63,6 +64,7 @@ def test_where_an_input_acts_late_there_is_no_clock(tmp_path: Path) -> None:
     assert clocks(targets.build(delayed, tmp_path / "late.fmu", target="native", fmi=3)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("name", SAMPLED)
 def test_ticked_it_samples_as_without_a_clock(name: str, step: Fraction, native_fmu: Build) -> None:

@@ -52,6 +52,7 @@ def test_an_fmu_that_ran_and_is_gone_does_not_lend_its_pythonfmu(fmu: Built, tmp
     assert target.is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_units_are_defined_by_their_si_base_units(fmu: Built, name: str) -> None:
     defined = {unit.get("name"): unit.find("BaseUnit") for unit in description(fmu(name)).iter("Unit")}

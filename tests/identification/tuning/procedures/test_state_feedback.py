@@ -144,6 +144,7 @@ def test_a_delay_is_part_of_the_model_that_is_fed_back(tmp_path: Path) -> None:
     assert found["design"]["kp measured in a run"] == pytest.approx(found["design"]["kp in closed form"], rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("faster", [2, 5])
 def test_an_observer_fades_as_much_faster_as_is_asked(faster: float, tmp_path: Path) -> None:
     found = tuned(tmp_path, design={**DESIGN, "observer": {"Q": 1, "R": 1e4, "faster": faster}})

@@ -208,6 +208,7 @@ def test_an_fmu_that_crashes_or_hangs_at_some_gains_fails_there_and_the_search_g
     assert servotwin("tune", file, "--patience", "2").exit_code == 2
 
 
+@pytest.mark.slow
 def test_parameters_that_no_loop_takes_are_bad_input(tmp_path: Path) -> None:
     """The search alone may come to parameters that do not fit together: such a candidate is passed over."""
     notch = {"model": "notch", "parameters": {"sample_time": STEP, "frequency": 60}}

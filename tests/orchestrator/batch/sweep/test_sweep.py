@@ -51,6 +51,7 @@ def test_values_lie_where_the_study_says_in_the_units_of_the_variables(tmp_path:
     assert angle.min() >= math.radians(30) and angle.max() <= math.radians(90) and angle.max() - angle.min() > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1000, 7])
 @pytest.mark.parametrize("after", [0, 1, 3, 5])
 def test_a_study_that_was_killed_goes_on_to_the_same_bytes(

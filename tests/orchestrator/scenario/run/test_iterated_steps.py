@@ -110,6 +110,7 @@ def states(result: Result) -> FloatArray:
     return np.stack([result.trace[name] for name in names], axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stiffness", "damping"), [(20e3, 1500.0), (2e6, 3000.0)], ids=["soft", "stiff"])
 def test_a_quarter_car_is_within_its_tolerance(
     tmp_path: Path, fmus: dict[str, Path], stiffness: float, damping: float
