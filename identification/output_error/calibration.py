@@ -38,6 +38,7 @@ from identification.output_error.windows import (
 )
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
+from identification.recordings.clipping import clipping_warnings
 from identification.results import GROUPS
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.crossing import Crossing, crossing, noted
@@ -93,6 +94,11 @@ class Judged(ReadOnlyArrays):
         return [crossing for window in self.windows for crossing in window.crossings]
 
     @property
+    def runs(self) -> list[tuple[str, FloatArray, FloatArray]]:
+        """Name of the trace, time (K,) [s] and simulated outputs (K, m) of each window."""
+        return [(window.trace, window.time, y) for window, y in zip(self.windows, self.simulated, strict=True)]
+
+    @property
     def summary(self) -> FitSummary:
         """FIT in few figures."""
         names, traces = [window.name for window in self.windows], [window.trace for window in self.windows]
@@ -138,7 +144,9 @@ class Calibration:
         said += length_warnings(step, self._windows, traces, "windows")
         if isinstance(asked, WindowSpec) and asked != self._windows:
             said += length_warnings(step, asked, traces, "validation")
-        said += rate_warnings(self.study.run, self.recorded, self.train.windows)
+        said += rate_warnings(self.study.run, self.recorded, self.train.windows, self.estimate.late)
+        signals = {name: spec.signal for name, spec in self.study.run.outputs.items()}
+        said += clipping_warnings(signals, self.recorded, self.train.runs)
         return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
 
     @property

@@ -19,6 +19,7 @@ from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.problem import Problem
 from identification.output_error.search.roughness import Roughness
 from identification.output_error.search.steps import FlatStretch
+from identification.output_error.times.lateness import OutputLateness
 from identification.signals.resolution import ROUNDED
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
@@ -134,6 +135,7 @@ class Estimate(ReadOnlyArrays):
         noise: of each output.
         known: name -> what was known of a parameter before.
         told: which samples inform which parameter; None where the search was stopped.
+        late: how late outputs seem to be recorded, where residuals speak for it.
         intervals: how `ci95` came about, where not by `covariance` alone.
         local95: name -> interval by `covariance` of every estimated or tied one [its unit].
         shot: what segments of the windows came to before the search, where they were run.
@@ -164,6 +166,7 @@ class Estimate(ReadOnlyArrays):
     noise: tuple[OutputNoise, ...] = ()
     known: Mapping[str, PriorKnowledge] = field(default_factory=dict)
     told: Information | None = None
+    late: OutputLateness | None = None
     intervals: Intervals = LOCAL
     local95: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     shot: Shot | None = None
@@ -216,6 +219,7 @@ def assembled(
     seen: Identifiability,
     intervals: Intervals = LOCAL,
     told: Information | None = None,
+    late: OutputLateness | None = None,
 ) -> Estimate:
     """What a search has come to, as people and files need it; `doubts` says what is to be told of it."""
     z = found.at.point.parameters
@@ -250,6 +254,7 @@ def assembled(
         noise=_noise(problem, uncertainty, residuals),
         known=_known(problem, z, deviations * slopes),
         told=told,
+        late=late,
         intervals=intervals,
         local95=_with_tied_ends(problem.parameters, local),
         shot=reached.shot,

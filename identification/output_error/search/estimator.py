@@ -121,7 +121,9 @@ def estimate(
     silent = [free[c].name for c, range_ in reached.flats.items() if range_.silent]
     if silent:
         found = replace(found, converged=False, message=f"{SILENT} {', '.join(silent)}")
-    return _told(problem, assembled(problem, reached, found, said.uncertainty, said.seen, said.intervals, said.told))
+    return _told(
+        problem, assembled(problem, reached, found, said.uncertainty, said.seen, said.intervals, said.told, said.late)
+    )
 
 
 def _told(problem: Problem, found: Estimate) -> Estimate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from identification.output_error.search.intervals import LOCAL, Intervals
 from identification.output_error.search.profile import profiled
 from identification.output_error.search.profile_curve import CostProfile
 from identification.output_error.search.work import PERFECT, Work, is_perfect
+from identification.output_error.times.lateness import OutputLateness, lateness
 
 GROWN = 1e6  # what a free run makes of a deviation of its start from where on too few digits are left
 
@@ -27,6 +28,7 @@ class Spoken:
     Attributes:
         blocks: the windows linearised there.
         told: which samples inform which parameter.
+        late: how late outputs seem to be recorded, where residuals speak for it.
         better: a point of less cost, met while profiles were followed.
     """
 
@@ -34,7 +36,8 @@ class Spoken:
     uncertainty: Covariance
     seen: Identifiability
     told: Information
-    intervals: Intervals
+    intervals: Intervals = LOCAL
+    late: OutputLateness | None = None
     better: Iterate | None = None
 
 
@@ -48,20 +51,22 @@ def spoken(work: Work, found: Minimum) -> Spoken:
     uncertainty = uncertainty.repeated(problem.counted)
     seen = _seen(work, found.at, blocks)
     told = information(blocks, uncertainty.curvature, len(problem.outputs))
-    by = work.options.intervals.by
+    by, perfect = work.options.intervals.by, is_perfect(work, found)
+    late = None if perfect else lateness(problem, blocks, uncertainty, before, work.reached.noise)
+    said = Spoken(blocks, uncertainty, seen, told, late=late)
     if remarks:
-        return Spoken(blocks, uncertainty, seen, told, Intervals(remarks=remarks))
-    if by == "local" or not work.problem.parameters.free:
-        return Spoken(blocks, uncertainty, seen, told, LOCAL)
-    if is_perfect(work, found):
-        said = f"intervals are local, no {by}s: {PERFECT}, so that there is no noise to hold values against"
-        return Spoken(blocks, uncertainty, seen, told, Intervals(remarks=(said,)))
+        return replace(said, intervals=Intervals(remarks=remarks))
+    if by == "local" or not problem.parameters.free:
+        return said
+    if perfect:
+        remark = f"intervals are local, no {by}s: {PERFECT}, so that there is no noise to hold values against"
+        return replace(said, intervals=Intervals(remarks=(remark,)))
     if by == "bootstrap":
-        return Spoken(blocks, uncertainty, seen, told, bootstrapped(work, found.at, blocks, uncertainty))
+        return replace(said, intervals=bootstrapped(work, found.at, blocks, uncertainty))
     silent = {column for column, range_ in work.reached.flats.items() if range_.silent}
-    columns = [column for column in range(len(work.problem.parameters.free)) if column not in silent]
+    columns = [column for column in range(len(problem.parameters.free)) if column not in silent]
     found_curves = profiled(work, found.at, uncertainty, columns)
-    return Spoken(blocks, uncertainty, seen, told, _by_profiles(found_curves.curves), found_curves.better)
+    return replace(said, intervals=_by_profiles(found_curves.curves), better=found_curves.better)
 
 
 def _linearised(work: Work, at: Iterate) -> tuple[Sequence[WindowBlock], tuple[str, ...]]:

@@ -13,6 +13,7 @@ from orchestrator.trace import FloatArray, Trace
 
 if TYPE_CHECKING:
     from identification.output_error.study import FreeRunSpec
+    from identification.output_error.times.lateness import OutputLateness
     from identification.output_error.windows import FreeRunWindow
     from identification.recordings.campaign import StudyTrace
 
@@ -21,12 +22,20 @@ _CHANGES = 20  # from which on it is told whether each lasts
 _COARSE = 1.5  # steps between samples, from which lines between them are compared
 
 
-def rate_warnings(run: FreeRunSpec, recorded: Sequence[StudyTrace], windows: Sequence[FreeRunWindow]) -> Iterator[str]:
+def rate_warnings(
+    run: FreeRunSpec,
+    recorded: Sequence[StudyTrace],
+    windows: Sequence[FreeRunWindow],
+    late: OutputLateness | None = None,
+) -> Iterator[str]:
     """A sentence about each input and output whose samples and steps do not go together, by the worst trace.
 
     Of an input the value at the beginning of each step counts, along lines between samples; that is held against the
     exact means of samples that hold until the next. Outputs are compared along lines, which cut their curves by about
     an eighth of the second difference. One that holds its values over several samples of its file is late.
+
+    Args:
+        late: how late outputs seem to be recorded, where residuals speak for it.
     """
     step = float(run.step)
     own = {one.trace.name: [w for w in windows if w.trace == one.trace.name] for one in recorded}
@@ -62,6 +71,26 @@ def rate_warnings(run: FreeRunSpec, recorded: Sequence[StudyTrace], windows: Seq
                 f"holds it between, late by {(samples - 1) / 2 * trace.interval:.2g} s on average, which shifts "
                 f"estimates: record it at its own rate, or let `step` be {samples * trace.interval:.3g} s"
             )
+    if late is not None:
+        yield _delay_warning(late, step)
+
+
+def _delay_warning(late: OutputLateness, step: float) -> str:
+    """A sentence about a delay that nobody has told, with outputs compared every `step` [s]."""
+    seconds, std = late.samples * step, late.std * step
+    which = "earlier" if seconds < 0 else "later"
+    moved = max(late.moved, key=lambda name: abs(late.moved[name]))
+    mending = "say so by its `delay`, or that of the inputs, as a value or as a parameter"
+    if seconds < 0:
+        mending = (
+            "its clock may be ahead (a negative `delay`), or inputs may be samples out of a faster loop, which are "
+            f"held {step / 2:.2g} s too long on average (`interpolation: linear`)"
+        )
+    return (
+        f"outputs.{' and '.join(late.outputs)}: residuals look as if recorded {abs(seconds):.2g} s {which} than free "
+        f"runs have it (+- {std:.1g}), which explains {100 * late.explained:.0f} % of their power and moves {moved} by "
+        f"{abs(late.moved[moved]):.2g} of its standard deviations: {mending}"
+    )
 
 
 def _worst(off: Mapping[Trace, float]) -> tuple[Trace | None, float]:
