@@ -11,9 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.special import chndtrix, ndtri, stdtrit
 
 from orchestrator.trace import FloatArray
+
+_FAR = 5.0  # standard deviations, from which only one side counts
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class EstimatedValue:
     """One estimated quantity; `value`, `std` and `ci95` in `unit`.
 
     Attributes:
-        std: standard error; inf when the data leave no degree of freedom to judge it, or the value sits at a
+        std: standard error, rms; inf when the data leave no degree of freedom to judge it, or the value sits at a
             bound.
         ci95: ends of the 95 % interval, -inf and inf where `std` is inf.
     """
@@ -42,12 +44,26 @@ class EstimatedValue:
         return (self.ci95[1] - self.ci95[0]) / 2 if self.known else None
 
 
-def with_interval(value: float, std: float, dof: float = math.inf, unit: str = "") -> EstimatedValue:
-    """The estimate with 95 % interval value +- t(0.975, dof) * std; normal when `dof` is infinite."""
+def with_interval(value: float, std: float, dof: float = math.inf, unit: str = "", off: float = 0.0) -> EstimatedValue:
+    """The estimate with 95 % interval value +- t(0.975, dof) * std; normal when `dof` is infinite.
+
+    Args:
+        off: by how much at most the value is off beside noise, to either side: with that the interval is the narrowest
+            symmetric one that holds the truth in 95 % wherever it is, and `std` the rms error where it is farthest.
+
+    Source: Armstrong and Kolesar 2018 (a critical value that is aware of bias).
+    """
     if not (dof > 0 and math.isfinite(std)):
         return EstimatedValue(float(value), math.inf, (-math.inf, math.inf), unit)
-    half = float(ndtri(0.975) if math.isinf(dof) else stdtrit(dof, 0.975)) * std
-    return EstimatedValue(float(value), float(std), (float(value - half), float(value + half)), unit)
+    normal = float(ndtri(0.975))
+    wider = (normal if math.isinf(dof) else float(stdtrit(dof, 0.975))) / normal
+    half = _critical(off / (wider * std)) * wider * std if std > 0 else off
+    return EstimatedValue(float(value), math.hypot(std, off), (float(value - half), float(value + half)), unit)
+
+
+def _critical(off: float) -> float:
+    """What |x| is below in 95 %, x normal about `off` with variance 1."""
+    return math.sqrt(chndtrix(0.95, 1, off**2)) if off < _FAR else off + float(ndtri(0.95))
 
 
 def estimates(

@@ -172,7 +172,7 @@ def _least_squares(study: InverseDynamicsStudy, rows: Sequence[FilteredRecord], 
 
     found = regressed(rows)
     moved = shifts(
-        found, study.filtering, rows, lambda how: regressed(prepared(one.record, how, terms) for one in rows)
+        found, study.filtering, rows, lambda how: regressed(prepared(one.record, how, terms, one.kept) for one in rows)
     )
     return Regressed(_estimates(found, moved, terms, known), moved)
 
@@ -197,7 +197,10 @@ def _instrumental(
         if settled:
             break
     moved = shifts(
-        found, study.filtering, rows, lambda how: regressed((prepared(one.record, how, terms) for one in rows), how)
+        found,
+        study.filtering,
+        rows,
+        lambda how: regressed((prepared(one.record, how, terms, one.kept) for one in rows), how),
     )
     return Regressed(_estimates(found, moved, terms, known), moved, number, settled)
 
@@ -207,11 +210,11 @@ def _estimates(
 ) -> dict[Term, EstimatedValue]:
     """The values with their intervals, shifts in these; one at the least that is feasible has none."""
     _forwards(found, terms)
-    variances = np.diag(found.covariance) + sum(shift.by**2 for shift in moved)
-    stds = np.where(found.bound, np.inf, np.sqrt(variances))
+    stds = np.where(found.bound, np.inf, np.sqrt(np.diag(found.covariance)))
+    off = np.sum([np.abs(shift.by) for shift in moved], axis=0)
     return {
-        term: with_interval(float(value), float(std), found.freedom, known.parameter_units[term])
-        for term, value, std in zip(terms, found.values, stds, strict=True)
+        term: with_interval(float(value), float(std), found.freedom, known.parameter_units[term], float(by))
+        for term, value, std, by in zip(terms, found.values, stds, off, strict=True)
     }
 
 

@@ -59,8 +59,13 @@ class FilteredRecord:
     speeds: FloatArray
 
 
-def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> FilteredRecord:
+def prepared(
+    record: AxisRecord, how: Filtering, terms: Sequence[Term], within: NDArray[np.intp] | None = None
+) -> FilteredRecord:
     """What a record says of these terms; forces and columns go through the same filters.
+
+    Args:
+        within: numbers of the rows that may be kept; all without.
 
     Raises:
         IdentificationError: it is too short, or too coarse for the filters.
@@ -68,7 +73,7 @@ def prepared(record: AxisRecord, how: Filtering, terms: Sequence[Term]) -> Filte
     _bearable(record, how)
     smooth = smoothed(record.position, record.step, how.cutoff)
     speeds = speed(smooth, record.step)
-    kept = _kept(record, how, speeds)
+    kept = _kept(record, how, speeds, within)
     columns = averaged_motion(record.position, smooth, record.step).columns(terms)
     y, x = (_thinned(record, how, values)[kept] for values in (record.force, columns))
     time = np.asarray(record.start + record.step * _stride(record, how) * kept, np.float64)
@@ -128,7 +133,7 @@ def _thinned(record: AxisRecord, how: Filtering, values: FloatArray) -> FloatArr
     return values[:: _stride(record, how)]
 
 
-def _kept(record: AxisRecord, how: Filtering, speeds: FloatArray) -> NDArray[np.intp]:
+def _kept(record: AxisRecord, how: Filtering, speeds: FloatArray, within: NDArray[np.intp] | None) -> NDArray[np.intp]:
     """Numbers of the rows that see neither the record's ends nor a speed that is too low; speeds are smoothed, too."""
     stride = _stride(record, how)
     reach = sum(half_width(corner) for corner in (how.cutoff, *corners(record, how))) + record.step
@@ -136,6 +141,7 @@ def _kept(record: AxisRecord, how: Filtering, speeds: FloatArray) -> NDArray[np.
     time = record.step * stride * np.arange(len(slowest))
     last = record.step * (len(record.position) - 1)
     kept = np.flatnonzero((time >= reach) & (time <= last - reach) & (slowest >= how.least_speed))
+    kept = kept if within is None else np.intersect1d(kept, within)
     if not len(kept):
         raise IdentificationError(
             record.name, "leaves no row", "record longer and faster, or lower `least_speed`, or raise `cutoff`"

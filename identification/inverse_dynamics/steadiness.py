@@ -52,15 +52,16 @@ def shifts(
     """What becomes of the values by a lower cutoff, and without the samples near rest.
 
     Args:
-        again: regresses with motions prepared like that.
+        again: regresses with motions prepared like that, on the rows kept here: a lower cutoff smooths speeds as well,
+            and would let in what rests, which is another question.
     """
     slow = _NEAR_REST * float(np.sqrt(np.mean(np.concatenate([one.speeds for one in rows]) ** 2)))
     lower = _SLOWER * min(corner for one in rows for corner in corners(one.record, how))
     tried = {
         f"with `cutoff: {lower:.3g}`": (
             replace(how, cutoff=lower),
-            "noise of the position is in its accelerations, or the model lacks what is fast: lower `cutoff`, or give "
-            "the `loop`",
+            "noise of the position is in its accelerations (lower `cutoff`, or give the `loop` for instruments), or "
+            "the model lacks what is fast",
         ),
         f"with `least_speed: {slow:.2g}`": (
             replace(how, least_speed=max(how.least_speed, slow)),
