@@ -15,6 +15,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from fmus.errors import IdentificationError
+from identification.estimation.numerics.bounded import bounded_least_squares
 from orchestrator.trace import FloatArray
 
 ROUGH = "the cost falls no further than its own roughness"
@@ -189,7 +190,7 @@ class ArrowModel:
         below = reduced[:, self.s :, self.s :].reshape(-1, self.n + 1)
         matrix = np.vstack([below[:, :-1] / scale.parameters, root * np.eye(self.n)])
         target = -np.concatenate([below[:, -1], np.zeros(self.n)])
-        parameters = _bounded_least_squares(
+        parameters = bounded_least_squares(
             matrix, target, room.lower.parameters * scale.parameters, room.upper.parameters * scale.parameters
         )
         parameters = parameters / scale.parameters
@@ -224,15 +225,6 @@ class ArrowModel:
 
 def _triangular(matrices: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(matrices, mode="r"))
-
-
-def _bounded_least_squares(matrix: FloatArray, target: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    free = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    if np.all((free >= lower) & (free <= upper)):
-        return np.asarray(free)
-    from scipy.optimize import lsq_linear  # noqa: PLC0415 - loads slowly
-
-    return np.asarray(lsq_linear(matrix, target, bounds=(lower, upper), method="bvls").x)
 
 
 class ArrowSystem(Protocol):

@@ -1,0 +1,1 @@
+"""What estimation computes with that NumPy lacks."""
