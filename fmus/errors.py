@@ -27,6 +27,8 @@ ServotwinError            anything we refuse; the command line prints its one li
 from __future__ import annotations
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Self
 
 
@@ -54,6 +56,17 @@ class ServotwinError(Exception):
 
 class InputError(ServotwinError, ValueError):
     """Something from outside is wrong; nothing was run or written."""
+
+
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """What is refused there names the place, if it does not yet."""
+    try:
+        yield
+    except InputError as error:
+        if error.place.startswith(place):
+            raise
+        raise error.within(place) from error
 
 
 class ModelError(InputError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ from fmus.files import RawMap
 from orchestrator.documents.docstrings import attributes, summary
 from orchestrator.documents.parsing import one_line, parse
 from orchestrator.documents.parts import INCLUDE, PART, document_of, place_of
+from orchestrator.documents.places import line_of
 from orchestrator.documents.sources import plain
 from orchestrator.rational import seconds
 from orchestrator.ssp import is_ssp
@@ -197,7 +199,12 @@ def keys(path: Path) -> list[str]:
     Raises:
         ScenarioError: no such file, no YAML, or a part cannot be included.
     """
-    return [str(key) for key in document_of(path, lambda document: iter(()))[0]]
+    return list(map(str, _read(path)))
+
+
+def _read(path: Path) -> CommentedMap:
+    """The document of a file, joined with its parts."""
+    return document_of(path, lambda document: iter(()))[0]
 
 
 def contents(path: Path) -> Any:
@@ -211,7 +218,8 @@ def contents(path: Path) -> Any:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Errors about what a file asks for name the file; those about traces and FMUs name their own."""
+    """Errors about what a file asks for name the file, and the line there or in its part; those about traces and FMUs
+    name their own."""
     try:
         yield
     except (TraceError, FmuFileError):
@@ -219,7 +227,20 @@ def naming(path: Path) -> Iterator[None]:
     except ServotwinError as error:
         if error.place.startswith(str(path)):
             raise
-        raise error.within(path) from error
+        raise _placed(error, path) from error
+
+
+def _placed(error: ServotwinError, path: Path) -> ServotwinError:
+    if re.match(r"--set: |.*:\d+: ", error.place):  # it has a place of its own
+        return error.within(path)
+    try:
+        stands = line_of(_read(path), path, error.place)
+    except ServotwinError:
+        stands = None  # another file is there by now
+    if stands is None:
+        return error.within(path)
+    placed = error.within(f"{stands.file}:{stands.line}")
+    return placed if stands.file == path else placed.within(path)
 
 
 def _complaint(path: Path, document: Any, schema: type[Block], error: ValidationError) -> ScenarioError:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import FmuError, IdentificationError, InputError
+from fmus.errors import FmuError, IdentificationError, within
 from identification.estimation.stopped import stopped
 from identification.output_error.calibration import Calibration, Judged, PreparedStudy, isolated
 from identification.output_error.choice.choice import Choice, FittedCandidate
@@ -71,15 +71,13 @@ def _prepared(
         progress(_PREPARED * number / len(studies), name)
         beside = tuple(run for other, run in runs.items() if other != name)
         brief = replace(study.options, intervals=IntervalOptions())
-        try:
+        with within(f"candidates.{name}"):
             recorded = next((traces for source, traces in loaded if source == study.traces), None)
             if recorded is None:
                 recorded = load_campaign(study.traces, data, isolation=study.options.isolation)
                 loaded.append((study.traces, recorded))
             asked = replace(study, run=replace(study.run, beside=beside), options=brief)
             made[name] = PreparedStudy.of(asked, recorded)
-        except InputError as error:
-            raise error.within(f"candidates.{name}") from error
     return made
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from fmus.errors import InputError
+from fmus.errors import within
 from identification.estimation.listed import places, units
 from identification.method import Method
 from identification.output_error.calibration import Calibration, calibrate
@@ -30,10 +30,8 @@ def _run(
             return calibrate(_study(asked, base, given), data, progress, isolation)
         studies = dict[str, OutputErrorStudy]()
         for name in asked.candidates:
-            try:
+            with within(f"candidates.{name}"):
                 studies[name] = _study(asked.candidate(name), base, given)
-            except InputError as error:
-                raise error.within(f"candidates.{name}") from error
         return choose(studies, data, progress, isolation)
 
 

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from fmus.errors import IdentificationError, WiringError
+from fmus.errors import IdentificationError, WiringError, within
 from fmus.modelling.model import start_values
 from identification.built_system import BuiltSystem
 from identification.linear.model import UNIT_CIRCLE, LinearModel
@@ -138,11 +138,9 @@ def sample_time(spec: ComponentSpec) -> Fraction:
 def _around(system: System, plant: str, values: Mapping[str, Value]) -> dict[str, float]:
     """Values that the controller has around a plant, checked as any others."""
     given = {f"{CONTROLLER}.{name}": value for name, value in values.items()}
-    try:
+    with within(f"plants.{plant}"):
         found = typed(system, given)
         check_values(system, found)
-    except WiringError as error:
-        raise error.within(f"plants.{plant}") from None
     return {name: float(found[f"{CONTROLLER}.{name}"]) for name in values}
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from fmus.errors import WiringError
+from fmus.errors import WiringError, within
 from identification.linear.model import LinearModel
 from identification.recordings.schema import StudyBlock
 from identification.tuning.goals.goal import Over, Relative
@@ -370,7 +370,7 @@ class TuneBlock(StudyBlock):
         return TuningStudy(
             self.title,
             self.controller.spec(base),
-            {name: block.plant(base) for name, block in self.plants.items()},
+            {name: _plant(name, block, base) for name, block in self.plants.items()},
             tuple(map(link, self.connections)),
             self.reference,
             self.tracked,
@@ -383,3 +383,8 @@ class TuneBlock(StudyBlock):
             tuple(block.rig(base) for block in self.judged_on),
             {name: elements(block.controller) for name, block in self.plants.items() if block.controller},
         )
+
+
+def _plant(name: str, block: PlantBlock, base: Path) -> PlantSpec:
+    with within(f"plants.{name}"):
+        return block.plant(base)

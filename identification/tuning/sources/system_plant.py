@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import block_diag
 
-from fmus.errors import IdentificationError, WiringError
+from fmus.errors import IdentificationError, WiringError, within
 from identification.built_system import BuiltSystem
 from identification.linear.model import LinearModel
 from identification.linearisation.equations import slopes
@@ -135,8 +135,9 @@ class _Wired:
     def __init__(self, place: str, plant: SystemPlant) -> None:
         self._place, self._plant = place, plant
         self.remarks: dict[str, str] = {}
-        self._built = BuiltSystem(plant.system, sorted(plant.inputs.values()))
-        with OpenSystem(self._built.assembled) as opened:
+        with within(place):
+            self._built = BuiltSystem(plant.system, sorted(plant.inputs.values()))
+        with within(place), OpenSystem(self._built.assembled) as opened:
             self._system: System = opened.system
             check_values(opened.system, self._built.assembled.system.values())
             self._inputs = {name: Endpoint.parse(end, f"{place}.inputs.{name}") for name, end in plant.inputs.items()}

@@ -194,11 +194,9 @@ class ScenarioBlock(SystemBlock):
         )
 
     def _places(self, given: Mapping[str, str]) -> dict[str, str]:
-        """component.variable -> where its value stands, of those that have one in a single set."""
-        named = Counter([*given, *(name for values in self.sets.values() for name in values)])
-        places = {**given, **{name: f"sets.{key}" for key, values in self.sets.items() for name in values}}
-        own = {name for case in self.cases or () for name in case.set}
-        return {name: place for name, place in places.items() if named[name] == 1 and name not in own}
+        """component.variable -> where its value stands in a parameter set, of those that no case sets."""
+        own = {name for case in self.all_cases for name in case.set}
+        return {name: place for name, place in given.items() if name not in own}
 
     def _systems(self, shared: SystemSpec, base: Path, said: list[str]) -> list[SystemSpec | None]:
         """The system of each case; None throughout where all have the one that they share."""

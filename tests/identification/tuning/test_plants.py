@@ -109,6 +109,27 @@ def test_a_command_of_another_unit_is_refused(tmp_path: Path) -> None:
         tune(write(tmp_path, system_study(tmp_path)))
 
 
+@pytest.mark.parametrize(
+    ("values", "problem"),
+    [
+        ({"load.inertia": -1}, "load.inertia: is -1, outside its bounds"),
+        ({"load.inertia": "3 V"}, "load.inertia: V does not fit kg.m2"),
+        ({"lead.inertia": 1}, "set.lead.inertia: names no component of the plant"),
+    ],
+)
+def test_a_value_of_a_plant_that_does_not_fit_is_named_by_plant_and_line(
+    tmp_path: Path, values: dict[str, Any], problem: str
+) -> None:
+    study = system_study(tmp_path)
+    name = next(iter(study["plants"]))
+    study["plants"][name]["set"] = values
+    file = write(tmp_path, study)
+    file.write_text(json.dumps(study, indent=1))
+    line = 1 + next(n for n, text in enumerate(file.read_text().splitlines()) if f'"{next(iter(values))}"' in text)
+    with pytest.raises(InputError, match=rf"{file.name}:{line}: plants\.{name}: {problem}"):
+        tune(file)
+
+
 @pytest.mark.slow
 def test_hard_goals_hold_for_the_share_of_draws_that_was_asked_for(tmp_path: Path) -> None:
     """A heavier load turns the phase more: the margin of the nominal one has to be larger, and just so much."""

@@ -67,11 +67,11 @@ def test_a_value_that_does_not_fit_is_named_by_where_it_stands_and_no_other_plac
     ):
         ran(tmp_path, "list.csv", hand__added_mass=-2)
     sets = SCENARIO + "sets:\n  heavy: {hand.added_mass: -3}\n"
-    for case, place in (("{name: a, use: [heavy]}", r"sets\.heavy: "), ("{name: a, set: {hand.added_mass: -3}}", "")):
+    for case, line in (("{name: a, use: [heavy]}", 13), ("{name: a, set: {hand.added_mass: -3}}", 10)):
         (tmp_path / "swing.yaml").write_text(sets.replace("{name: as given}", case).replace("PARAMETERS", "list.csv"))
         (tmp_path / "list.csv").write_text("name,value\nhand.added_length,1\n")
         with pytest.raises(
-            InputError, match=rf"swing\.yaml: {place}case a: hand\.added_mass: is -3, outside its bounds"
+            InputError, match=rf"swing\.yaml:{line}: case a: hand\.added_mass: is -3, outside its bounds"
         ):
             run_scenario(tmp_path / "swing.yaml")
 

@@ -136,7 +136,7 @@ def test_a_recording_that_ends_too_early_is_refused_or_held_where_that_is_said(t
     formats.write(Trace(np.array([0.0, 0.5]), {"torque": np.array([0.0, 0.1])}), tmp_path / "short.csv")
     stimulus = FALLING + "stimuli: {hand.torque: {file: short.csv, signal: torque, ends: hold}}"
     with pytest.raises(
-        WiringError, match=r"yaml: stimuli\.hand\.torque: .*short\.csv covers 0 to 0\.5 s, not 0 to 1 s"
+        WiringError, match=r"yaml:6: stimuli\.hand\.torque: .*short\.csv covers 0 to 0\.5 s, not 0 to 1 s"
     ):
         run(tmp_path, stimulus.replace(", ends: hold", ""))
     result = run(tmp_path, stimulus + "\nrecord: [hand.torque]")
