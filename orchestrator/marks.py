@@ -27,6 +27,7 @@ WORDS: dict[Kind, str] = {
 }
 
 LONG = 5.0  # cycles without a sample that make a gap
+UNSURE = 20.0  # the same where nobody tells the cycle
 LATE = 0.1  # [s] without a sample, though none is missing, that make stamps late ones
 FEWEST = 20  # samples that tell a cycle
 SHOWN = 3  # signals of a mark that its text names
@@ -139,3 +140,9 @@ def gaps(time: FloatArray, cycle: float | None, longest: float = LONG) -> Iterat
         lost = absent[row] >= LONG - 1
         if steps[row] > longest * cycle and (lost or steps[row] > LATE):
             yield "gap" if lost else "late", row, last + 1
+
+
+def of_stamps(time: FloatArray) -> Iterator[Mark]:
+    """What the stamps (K,) [s] alone tell, of a recording whose cycle is not known but seen."""
+    for kind, first, last in gaps(time, cycle_of(time), UNSURE):
+        yield Mark(kind, float(time[first]), float(time[last]))

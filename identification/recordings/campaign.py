@@ -15,7 +15,7 @@ from fmus.errors import ScenarioError, TraceError
 from fmus.files import sha256
 from fmus.units import ONE
 from identification.recordings.bridged import safe_stretches
-from identification.recordings.marks import MUCH, Exclusion, covered, excluded, of_stamps
+from identification.recordings.marks import MUCH, Exclusion, covered, excluded
 from identification.recordings.parts import RecordingPart, parted
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
@@ -324,7 +324,7 @@ def _read(file: Path, source: TraceSource) -> StudyTrace:
     recording = formats.read(file, source.layout)
     trace, stamps, held = replace(recording.trace, name=file.stem), recording.stamps, is_log(file)
     begun = trace.complete() if held else trace  # what a message says first comes a little later than others
-    told = recording.marks if held else (*of_stamps(begun), *safe_stretches(file, float(trace.time[-1])))
+    told = recording.marks if held else (*recording.marks, *safe_stretches(file, float(trace.time[-1])))
     matter = [mark for mark in told if not source.used or mark.concerns(source.used)]
     marks, kept = (tuple(mark for mark in matter if (mark.kind in source.keep) == side) for side in (False, True))
     damaged = bool(DAMAGE & recording.found.keys() or matter)

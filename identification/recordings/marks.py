@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmus.errors import ScenarioError, TraceError
-from orchestrator.marks import Mark, cycle_of, gaps, listed, runs, union
+from orchestrator.marks import Mark, listed, runs, union
 from orchestrator.trace import BoolArray, FloatArray, Trace, require_finite
 
-UNSURE = 20.0  # cycles without a sample that make a gap where nobody tells the cycle
 MOST = 4  # stretches that a message spells out
 MUCH = 0.1  # of a recording left out, from which it is a warning
 
@@ -113,12 +112,6 @@ def _as_yaml(name: str) -> str:
     """A name as a list in a study file has it."""
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*", name) and name.lower() not in ("true", "false", "null")
     return name if plain else json.dumps(name, ensure_ascii=False)
-
-
-def of_stamps(trace: Trace) -> Iterator[Mark]:
-    """What the stamps alone tell, of a recording whose cycle is not known but seen."""
-    for kind, first, last in gaps(trace.time, cycle_of(trace.time), UNSURE):
-        yield Mark(kind, float(trace.time[first]), float(trace.time[last]))
 
 
 def sound(trace: Trace, marks: Sequence[Mark]) -> BoolArray:

@@ -20,6 +20,7 @@ from orchestrator.crossing import GivenConversion
 from orchestrator.engine import CycleSettings, Order, StepControl, Timing
 from orchestrator.fmi.interface import Value
 from orchestrator.formats.schema import LayoutBlock
+from orchestrator.marks import listed
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough
 from orchestrator.trace import Trace
@@ -52,10 +53,12 @@ class SignalFileBlock(Block):
     def trace(self, base: Path, said: list[str] | None = None) -> Trace:
         """The signal alone; the file is relative to `base`. What is to be known of it is logged and added to `said`."""
         recording = formats.read(base / self.file, self.layout.layout(base))
-        for note in recording.notes:
+        marks = [mark for mark in recording.marks if mark.concerns([self.signal])]
+        notes = (*recording.notes, *([f"is used across {listed(marks)}"] if marks else []))
+        for note in notes:
             LOG.warning("%s: %s", recording.path, note)
         if said is not None:
-            said += [f"{self.file}: {note}" for note in recording.notes]
+            said += [f"{self.file}: {note}" for note in notes]
         try:
             return recording.trace.select([self.signal])
         except TraceError as error:

@@ -17,6 +17,7 @@ from fmus.files import atomic_write
 from orchestrator.can.log_suffixes import SUFFIXES, is_log
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, coarse
+from orchestrator.marks import of_stamps
 from orchestrator.plugins import plugins
 from orchestrator.progress import Progress, silent
 from orchestrator.trace import Trace, check_file
@@ -78,8 +79,10 @@ def read(path: str | Path, layout: Layout | None = None, progress: Progress = si
         TraceError: an unknown suffix, no such file, nothing in it, or it does not hold what `layout` says.
         DatabaseError: it is a CAN log, and the layout's database cannot be read or lacks a signal.
     """
-    found = _read(Path(path), layout, progress)
-    return replace(found, notes=(*found.notes, *coarse(found.trace)))
+    file = Path(path)
+    found = _read(file, layout, progress)
+    marks = found.marks if is_log(file) else tuple(of_stamps(found.trace.time))
+    return replace(found, notes=(*found.notes, *coarse(found.trace)), marks=marks)
 
 
 def _read(file: Path, layout: Layout | None, progress: Progress) -> Recording:

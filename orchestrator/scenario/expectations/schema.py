@@ -149,7 +149,7 @@ class ExpectationBlock(Block):
 
     Attributes:
         signal, signals: what it is about; `signals` ask the same of each.
-        after, before: which samples it looks at [s]; all by default.
+        after, before: which samples it looks at [s], those at both times included; all by default.
         near, within: no sample is farther than `within` from a value, or from the reference.
         below, above: every sample lies below, or above, this value.
         equals: every sample of a text is this one, or one of these.

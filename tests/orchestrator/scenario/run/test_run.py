@@ -144,6 +144,14 @@ def test_a_recording_that_ends_too_early_is_refused_or_held_where_that_is_said(t
     assert result.scenario.held == ["hand.torque keeps its last value from 0.5 s on"]
 
 
+def test_a_gap_that_a_stimulus_is_used_across_is_told_with_where_it_is(tmp_path: Path) -> None:
+    time = np.concatenate([np.arange(0, 0.2, 1e-3), np.arange(0.7, 1.0005, 1e-3)])
+    formats.write(Trace(time, {"torque": np.zeros(len(time))}), tmp_path / "gap.csv")
+    assert [str(mark) for mark in formats.read(tmp_path / "gap.csv").marks] == ["gap from 0.199 to 0.7 s"]
+    result = run(tmp_path, FALLING + "stimuli: {hand.torque: {file: gap.csv, signal: torque}}")
+    assert "gap.csv: is used across gap from 0.199 to 0.7 s" in result.scenario.notes
+
+
 def test_a_reference_that_ends_too_early_is_refused_before_the_run(tmp_path: Path) -> None:
     formats.write(Trace(np.array([0.0, 0.5]), {"angle": np.zeros(2)}), tmp_path / "short.csv")
     expect = "expect: [{signal: hand.angle, reference: {file: short.csv, signal: angle}, within: 9}]"
