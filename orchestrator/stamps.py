@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fmus.errors import TraceError
 from orchestrator.trace import FloatArray, Trace
 
+MIXED = 50  # changes from run to run of stamps in the order of time, for each run: no samples that came late
 LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
 
 
@@ -50,11 +51,14 @@ def ordered(
         signals: name -> (K,) samples.
 
     Raises:
-        TraceError: fewer than two distinct stamps, a stamp that is not finite, a column of another length.
+        TraceError: fewer than two distinct stamps, a stamp that is not finite, a column of another length; or times
+            that start anew, so that samples of several runs would mix.
     """
     stamps, columns = _columns(time, signals, name)
     backward = int(np.count_nonzero(stamps[1:] < stamps[:-1]))
     order = np.argsort(stamps, kind="stable")
+    if backward:
+        _require_one_run(stamps, order, name)
     ascending = stamps[order]
     keep = order[np.append(ascending[1:] > ascending[:-1], True)]
     if len(keep) < 2:
@@ -84,3 +88,16 @@ def _columns(time: ArrayLike, signals: Mapping[str, ArrayLike], name: str) -> tu
         if values.shape != stamps.shape:
             raise TraceError(f"{name}.{key}", f"has shape {values.shape}, time has {stamps.shape}")
     return stamps, columns
+
+
+def _require_one_run(stamps: FloatArray, order: NDArray[np.intp], name: str) -> None:
+    """See that sorted stamps (K,) would not mix long ascending runs, as those of several recordings in one file."""
+    back = np.flatnonzero(stamps[1:] < stamps[:-1]) + 1
+    run = np.searchsorted(back, order, side="right")
+    if np.count_nonzero(np.diff(run)) > MIXED * len(back):
+        before, after = stamps[back[0] - 1], stamps[back[0]]
+        raise TraceError(
+            name,
+            f"its time starts anew at sample {back[0] + 1}, from {before:.9g} s to {after:.9g} s",
+            "give each run a file of its own",
+        )

@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from fmus import words
+
 MOST = 1000  # different unknown identifiers, or places, that are kept; beyond it they are only counted
 OTHERS = "others"
 StatisticsDocument = dict[str, int | dict[str, int] | list[dict[str, float]]]
@@ -14,7 +16,7 @@ StatisticsDocument = dict[str, int | dict[str, int] | list[dict[str, float]]]
 
 @dataclass(frozen=True)
 class Setback:
-    """A clock that jumped backwards.
+    """A clock that jumped backwards, or frames that did not come for long.
 
     Attributes:
         frame: number of the first frame after it, from 0.
@@ -58,6 +60,7 @@ class FrameStatistics:
         covered: samples with the very stamp of a later one of their message (dropped).
         strays: frames whose stamp alone is off, or not a time; they take the stamp before.
         setbacks: clocks that jumped backwards, the first `MOST`; setback_count counts all.
+        silences: where no frame at all came for long, the first `MOST`.
     """
 
     frames: int = 0
@@ -87,6 +90,7 @@ class FrameStatistics:
     strays: int = 0
     setbacks: list[Setback] = field(default_factory=list)
     setback_count: int = 0
+    silences: list[Setback] = field(default_factory=list)
 
     @property
     def clean(self) -> bool:
@@ -110,6 +114,11 @@ class FrameStatistics:
         if len(self.setbacks) < MOST:
             self.setbacks.append(Setback(frame, before, after))
 
+    def add_silence(self, frame: int, before: float, after: float) -> None:
+        """Note that no frame came between two stamps."""
+        if len(self.silences) < MOST:
+            self.silences.append(Setback(frame, before, after))
+
     def lines(self) -> list[str]:
         """A line for each kind of trouble, for people; none when there was none."""
         found = [f"{text}: {_listed(counts)}" for text, counts in self._by_name().items() if counts]
@@ -117,16 +126,21 @@ class FrameStatistics:
         if self.setback_count:
             places = ", ".join(map(str, self.setbacks[:3])) + (", ..." if self.setback_count > 3 else "")
             found.append(f"clock jumped backwards {places}; later stamps were moved to follow on")
+        if self.silences:
+            places = words.listed([*map(str, self.silences)], 3)
+            found.append(f"no frame came, or the clock was put forward, {places}")
         return found
 
     def document(self) -> StatisticsDocument:
         """All counts by name, for JSON; what did not occur is left out."""
         kept: StatisticsDocument = {"frames": self.frames, "messages": dict(self.messages)}
         for name, value in vars(self).items():
-            if name not in (*kept, "setbacks") and value:
+            if name not in (*kept, "setbacks", "silences") and value:
                 kept[name] = dict(value) if isinstance(value, Counter) else value
         if self.setbacks:
             kept["setbacks"] = [vars(setback) for setback in self.setbacks]
+        if self.silences:
+            kept["silences"] = [vars(silence) for silence in self.silences]
         return kept
 
     def _by_name(self) -> dict[str, Counter[str]]:
@@ -169,7 +183,7 @@ def joined(parts: Mapping[str, FrameStatistics]) -> FrameStatistics:
                 getattr(whole, name).update({prefix + key: count for key, count in value.items()})
             else:
                 setattr(whole, name, getattr(whole, name) + value)
-    del whole.setbacks[MOST:]
+    del whole.setbacks[MOST:], whole.silences[MOST:]
     return whole
 
 

@@ -12,7 +12,7 @@ NAMES = {
     "extended": "extended ide ext isextended isextendedid",
     "remote": "remote rtr isremote isremoteframe",
     "error": "error err iserror iserrorframe",
-    "code": "dlc",
+    "code": "dlc datalengthcode",
     "length": "len length datalength size",
     "direction": "dir direction txrx rxtx",
     "fd": "edl fdf fd isfd",

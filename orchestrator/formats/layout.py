@@ -369,9 +369,18 @@ def _unit_of_time(
         raise TraceError(
             place, f"its time is in '{unit}'", "say `units: {time: ...}` in the layout: s, ms, us, ns, min, h, d"
         )
-    if not (unit or said or layout.time is not None or time in columns.stamped or columns.label(time) == "time"):
-        notes.append("its time is taken to be in seconds")
+    if not (unit or said or time in columns.stamped):
+        if layout.time is None and columns.label(time) != "time":
+            notes.append("its time is taken to be in seconds")
+        elif columns.head is not None and _counts(np.asarray(columns.head(time), dtype=float)):
+            notes.append("its time has whole numbers and no unit, and is taken to be in seconds (`units: {time: ms}`)")
     return unit
+
+
+def _counts(head: FloatArray) -> bool:
+    """Whether stamps may count something finer than seconds: whole numbers in steps of more than one."""
+    steps = np.diff(head)
+    return len(steps) > 0 and bool((head == np.rint(head)).all() and np.median(steps) > 1)
 
 
 def _quoted(column: int | str) -> str:

@@ -79,3 +79,18 @@ def test_stamps_that_are_no_times_are_refused(time: list[float], problem: str) -
 def test_a_column_of_another_length_is_refused_not_cut(rows: int) -> None:
     with pytest.raises(TraceError, match=r"log\.a: has shape"):
         ordered([0.0, 1.0, 2.0], {"a": np.zeros(rows)}, name="log")
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.004])
+def test_runs_whose_time_starts_anew_in_one_file_are_not_mixed(shift: float) -> None:
+    time = 0.01 * np.arange(100)
+    with pytest.raises(TraceError, match=r"two: its time starts anew at sample 101, from 0\.99 s to 0"):
+        ordered(np.concatenate([time, time + shift]), {}, name="two")
+
+
+def test_blocks_of_samples_that_came_late_are_sorted() -> None:
+    time = 0.01 * np.arange(300)
+    late = np.concatenate([time[:100], time[200:], time[100:200]])
+    trace, report = ordered(late, {"a": late})
+    assert np.array_equal(trace.time, time) and np.array_equal(trace["a"], time)
+    assert report.backward == 1

@@ -15,6 +15,7 @@ from orchestrator.can.statistics import FrameStatistics
 from orchestrator.stamps import LATEST
 from orchestrator.trace import BoolArray, FloatArray
 
+SILENT = 60.0  # [s] without any frame that are told
 JUMP = 1.0  # [s]: what frames may be out of order by, and more is a jump
 CONTINUED = 1e-6  # [s] from the last stamp before a setback to the first after it
 
@@ -25,7 +26,7 @@ class StampRepair:
 
     A single frame whose stamp is more than `JUMP` away from both its neighbours' in one batch, or is no time, takes
     the stamp of the frame before. Where all that follows lies more than `JUMP` back, the clock was set back: those
-    stamps are moved to follow on. Smaller disorder is left to sorting, and forward jumps are gaps.
+    stamps are moved to follow on. Smaller disorder is left to sorting; forward jumps are gaps, and long ones are told.
     """
 
     statistics: FrameStatistics
@@ -44,6 +45,8 @@ class StampRepair:
         before = np.concatenate(([time[0] if self.last is None else self.last], time[:-1]))
         steps = time - before
         back = np.flatnonzero(steps < -JUMP)
+        for row in np.flatnonzero(steps > SILENT).tolist():
+            self.statistics.add_silence(self.seen + row, float(before[row]), float(time[row]))
         self.last = float(time[-1])
         if len(back) or self.moved:
             time = self._follow_on(time, before, back)

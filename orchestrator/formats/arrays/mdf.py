@@ -92,7 +92,7 @@ def serve(path: str) -> None:
         for group, _ in enumerate(file.groups):
             for signal in _signals(file, group, notes):
                 arrays.setdefault(f"time_{group}", np.asarray(signal.timestamps, dtype=float))
-                samples = signal.samples
+                samples = _valid(signal, notes)
                 usable = samples.dtype.kind in "biuf" and samples.ndim == 1
                 arrays[f"channel_{len(channels)}"] = samples if usable else np.zeros(len(samples), "U1")
                 channels.append((signal.name, signal.unit or "", group))
@@ -101,12 +101,21 @@ def serve(path: str) -> None:
     np.savez(out, **arrays)
 
 
+def _valid(signal: Any, notes: list[str]) -> Any:
+    """Its samples (K,), without a value where the file marks them invalid: all of a group share its stamps."""
+    samples, invalid = signal.samples, signal.invalidation_bits
+    if invalid is None or not invalid.any() or samples.dtype.kind not in "biuf" or samples.ndim != 1:
+        return samples
+    notes.append(f"channel '{signal.name}': {np.count_nonzero(invalid)} samples are marked invalid and have no value")
+    return np.where(invalid, np.nan, samples.astype(float))
+
+
 def _signals(file: Any, group: int, notes: list[str]) -> Iterator[Any]:
     for index, channel in enumerate(file.groups[group].channels):
         if index == file.masters_db.get(group):
             continue
         try:
-            signal = file.get(group=group, index=index)
+            signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
         except Exception as problem:  # whatever a library makes of damage
             notes.append(f"channel '{channel.name}' cannot be read ({str(problem)[:80]})")
             continue

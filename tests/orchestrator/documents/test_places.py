@@ -1,4 +1,4 @@
-"""Errors about values name the file and line where these stand: what counts in the case, and nothing where that is open."""
+"""Errors about values name the file and line where what counts in the case stands, and nothing where that is open."""
 
 from __future__ import annotations
 

@@ -322,6 +322,24 @@ def test_measurements_in_mdf_files_are_read_at_their_first_stamps(tmp_path: Path
         read(path)
 
 
+@pytest.mark.slow
+@pytest.mark.needs("mf4")
+def test_samples_that_an_mdf_marks_invalid_have_no_value_and_move_no_other(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    invalid = {"early": np.arange(20) < 5, "late": np.arange(20) >= 15, "sound": np.zeros(20, bool)}
+    with MDF(version="4.10") as file:
+        file.append([Signal(TIME.copy(), TIME, name=name, invalidation_bits=bits) for name, bits in invalid.items()])
+        path = Path(file.save(tmp_path / "x.mf4"))
+    recording = read(path)
+    assert np.array_equal(recording.trace.time, TIME)
+    for name, bits in invalid.items():
+        assert np.array_equal(recording.trace[name], np.where(bits, np.nan, TIME), equal_nan=True)
+    assert recording.notes == tuple(
+        f"channel '{name}': 5 samples are marked invalid and have no value" for name in ("early", "late")
+    )
+
+
 def test_the_first_bytes_tell_the_format_where_the_suffix_does_not(tmp_path: Path) -> None:
     np.save(tmp_path / "x.npy", np.array([(0.0, 1.0), (1.0, 2.0)], dtype=[("time", "f8"), ("n", "f8")]))
     recording = read((tmp_path / "x.npy").rename(tmp_path / "x.bin"))

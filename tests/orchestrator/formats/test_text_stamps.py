@@ -88,3 +88,15 @@ def test_whole_numbers_that_a_double_does_not_tell_apart_are_told(tmp_path: Path
     np.savez(tmp_path / "a.npz", time=1767323045123456789 + np.arange(4) * 1_000_037, a=np.arange(4.0))
     notes = read(tmp_path / "a.npz", Layout(units={"time": "ns"})).notes
     assert "its times are kept to 3e-07 s" in notes
+
+
+@pytest.mark.parametrize(
+    ("head", "step", "told"), [("time", 10, True), ("time [ms]", 10, False), ("time", 1, False), ("time", 0.5, False)]
+)
+def test_times_in_whole_numbers_without_a_unit_are_told_to_be_taken_for_seconds(
+    tmp_path: Path, head: str, step: float, told: bool
+) -> None:
+    (tmp_path / "x.csv").write_text(f"{head},u\n" + "".join(f"{step * k:g},{k}\n" for k in range(30)))
+    recording = read(tmp_path / "x.csv")
+    assert recording.trace.time[-1] == pytest.approx(29 * step * (1e-3 if "ms" in head else 1))
+    assert any("is taken to be in seconds (`units: {time: ms}`)" in note for note in recording.notes) is told

@@ -68,10 +68,17 @@ def test_stamps_that_are_never_times_begin_at_zero() -> None:
     assert statistics.strays == 5
 
 
-def test_a_gap_forward_is_no_fault() -> None:
-    time = np.concatenate((REGULAR[:50], REGULAR[50:] + 3600.0))
-    assert straightened(time, 7)[0].tolist() == time.tolist()
-    assert straightened(time, 7)[1].clean
+@pytest.mark.parametrize("batch", [100, 7, 1])
+def test_a_gap_forward_is_left_as_it_is_and_told_where_it_is_long(batch: int) -> None:
+    time = np.concatenate((REGULAR[:50], REGULAR[50:] + 30.0))
+    assert straightened(time, batch)[0].tolist() == time.tolist()
+    assert straightened(time, batch)[1].clean
+    time[70:] += 3600.0
+    fixed, statistics = straightened(time, batch)
+    assert fixed.tolist() == time.tolist()
+    told = "no frame came, or the clock was put forward, at frame 70 from 1700000030.690000 s to 1700003630.700000 s"
+    assert statistics.lines() == [told]
+    assert statistics.document()["silences"] == [{"frame": 70, "before": time[69], "after": time[70]}]
 
 
 def test_slight_disorder_is_counted_across_batches() -> None:

@@ -259,6 +259,15 @@ def test_channels_that_vectors_tables_name_count_from_0_as_elsewhere(tmp_path: P
     assert all_of(logs.read(path)).channel.tolist() == [0, 1]
 
 
+def test_columns_of_peaks_tables_are_known_with_their_units_in_brackets(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    head = "Message Number,Time Offset (ms),Type,ID (hex),Data Length Code,Data Bytes (hex)"
+    path.write_text(f"{head}\n1,0.000,Rx,100,2,01 0A\n2,250.5,Rx,18FECA15,1,0B\n")
+    frames = all_of(logs.read(path))
+    assert (frames.id.tolist(), frames.length.tolist()) == ([0x100, 0x18FECA15], [2, 1])
+    assert np.diff(frames.time).tolist() == [0.2505]
+
+
 def test_the_date_of_busmaster_may_have_single_digits(tmp_path: Path) -> None:
     path = tmp_path / "x.log"
     path.write_text(BUSMASTER.replace("9:20:11:250", "9:2:1:250") + "9:2:1:2500 Rx 1 0x123 s 1 0A\n")
