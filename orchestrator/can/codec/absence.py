@@ -41,6 +41,9 @@ class AbsentError(TraceError):
 
     def _why(self, message: MessageSpec, identifiers: Collection[str]) -> str:
         name, statistics, identifier = message.name, self.statistics, identifier_text(message.id, message.extended)
+        if not message.signals:
+            left_out = [f"{signal} is left out: {why}" for signal, why in message.left_out.items()]
+            return "the database has no sound signal of it" + (f", {listed(left_out)}" if left_out else "")
         if count := statistics.short[name]:
             return f"{count} frames of {identifier} are too short for its {message.length} bytes"
         if count := statistics.other_sources[name]:
