@@ -233,6 +233,7 @@ class _BusRecorder:
             "frames dropped": self._channels.dropped,
             "pauses in reading": pauses,
             "lines of the adapter that are no frames": sum(channel.malformed for channel in self._channels.all),
+            "refusals of the adapter (BEL)": sum(channel.refused for channel in self._channels.all),
         }
         return troubles(counts.statistics) | counts.states.counts | lost
 

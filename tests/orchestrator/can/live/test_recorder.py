@@ -20,6 +20,7 @@ from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.manifest import BusRecording
 from orchestrator.can.live.recorder import record
 from tests.support.can.recordings import DATABASE, frames, manifest, numbers, recorded, virtual
+from tests.support.can.scripted_adapter import ScriptedAdapter
 from tests.support.can.wiring import BITRATE, HANG, frame, number
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work
@@ -144,6 +145,23 @@ def test_a_full_disk_is_said_and_what_was_written_is_kept(
     assert failed.value.exit_code == 3 and f"{len(kept):,} frames up to there are kept" in str(failed.value)
     assert found["ended"] == "failed" and "cannot be written" in found["failure"]
     assert found["frames"] == found["files"][0]["frames"] == len(kept) and len(kept) > 500
+
+
+def test_what_an_adapter_says_that_is_no_frame_is_told_while_it_is_recorded(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    told, until = list[str](), time.monotonic() + HANG
+
+    def go_on(share: float, doing: str) -> None:
+        adapter.say(b"\a#\r" * (not told))
+        told.append(doing)
+        if "refusals of the adapter" in caplog.text or time.monotonic() > until:
+            signal.raise_signal(signal.SIGINT)
+
+    with ScriptedAdapter() as adapter:
+        record(BusRecording(BusSettings("slcan", adapter.path), tmp_path / "run"), go_on)
+    assert "1 lines of the adapter that are no frames" in told[-1] and "1 refusals of the adapter (BEL)" in told[-1]
+    assert "refusals of the adapter" in caplog.text
 
 
 def test_there_is_room_for_the_last_manifest(tmp_path: Path) -> None:
