@@ -256,8 +256,9 @@ class BusTraffic:
             return
         if not self._lines[bus].link.trouble:
             self._watchdog.took(taken, now)
-        if any(signal.input == STOP and self.inputs[signal.place] for signal in taken.good):
+        if not self._stopped and any(signal.input == STOP and self.inputs[signal.place] for signal in taken.good):
             self._stopped = True
+            self._watchdog.note(now, taken.message.name, "alarm", "the stop signal was received")
             self.over = self.over or "the stop signal was received"
 
     def _recognise(self, key: tuple[int, int, bool], now: float) -> None:
@@ -289,7 +290,8 @@ class BusTraffic:
             self._status[signal] = after = status.seen(now, not why, self._rules)
             if after.state is not status.state:
                 again = OutputState.INIT if status.state is OutputState.INIT else "is sent again"
-                changed.setdefault(f"rests: {why}" if after.rests else again, []).append(signal.spec.name)
+                rests = f"rests{' for good' * self._rules.latched}: {why}"
+                changed.setdefault(rests if after.rests else again, []).append(signal.spec.name)
         for what, names in changed.items():
             said = "" if what == OutputState.INIT else f"{', '.join(names)} {what}"
             self._watchdog.note(now, ", ".join(names), "rests" if what.startswith("rests") else "runs", said)

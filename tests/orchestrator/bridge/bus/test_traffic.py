@@ -158,12 +158,13 @@ def test_what_was_about_to_be_sent_when_the_process_was_stopped_is_not_sent_afte
 
 
 def test_a_latched_output_stays_at_rest(rig: Database) -> None:
-    bus = ScriptedBus()
-    traffic = on(bus, rig, [], resume="latch", after=0)
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said, resume="latch", after=0)
     run(traffic, bus, 0, 100)
     run(traffic, bus, 100, 101, lateness=0.2)
     run(traffic, bus, 101, 400)
     assert set(torques(bus)[10:]) == {0.125}
+    assert said == ["t = 0.100 s: torque rests for good: steps are 0.2 s late"]
 
 
 @pytest.mark.parametrize("resume", ["auto", "latch"])

@@ -89,3 +89,4 @@ def test_a_stop_signal_ends_the_coupling_and_outputs_rest_without_it(
     sent = speeds(bus)
     assert not any(sent[:30]) and all(sent[32:100]) and sent[-1] == 0 and len(sent) < 105
     assert coupled.ending.stopped and coupled.ending.failure is None
+    assert [event.name for event in coupled.account.watchdog.events if event.kind == "alarm"] == ["Other"]
