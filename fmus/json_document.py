@@ -54,6 +54,6 @@ def document_of(value: DataclassInstance) -> dict[str, Json]:
     for key in keys:
         name = key.removesuffix("?")
         entry = as_json(getattr(value, name))
-        if name == key or entry not in (None, "", [], {}):
+        if name == key or entry:
             found[name] = entry
     return found

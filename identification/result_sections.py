@@ -88,7 +88,7 @@ def provenance(page: Report, summary: Summary) -> None:
     if rows:
         section.table(["trace", "role", "time stamps and notes", "SHA-256"], rows)
     left_out: list[list[Cell]] = [
-        [trace["trace"], WORDS[mark["kind"]], mark["start"], mark["stop"], ", ".join(mark["signals"]) or "all"]
+        [trace["trace"], WORDS[mark.kind], mark.start, mark.stop, ", ".join(mark.signals) or "all"]
         for trace in data
         for mark in trace.get("marks", [])
     ]

@@ -13,13 +13,13 @@ from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fmus.errors import IdentificationError, InputError
-from identification.estimation.estimated_value import EstimatedValue
+from identification.estimation.estimated_value import EstimatedValue, PriorKnowledge
 from identification.fits import FitSummary, WorstSummary, told
 from identification.messages import MessagesSummary
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import CrossingDocument
 from orchestrator.fmi.interface import Value
-from orchestrator.marks import Kind, Mark
+from orchestrator.marks import Mark
 from orchestrator.trace import FloatArray
 
 STUDY = "study.yaml"
@@ -27,20 +27,6 @@ SUMMARY = "summary.json"
 GROUPS = "groups"  # folder of parameter sets, one a group of recordings
 POOR = 0.5  # median FIT below which what was seen in recordings may have spoilt it
 MOST = 1000  # marks of a recording that are told
-
-
-class PriorSummary(TypedDict):
-    """What was known of a parameter before, in words, and where it is from.
-
-    Attributes:
-        added: share of its variance that the recordings took away.
-        off: how many of its standard deviations the estimate is off.
-    """
-
-    text: str
-    source: str
-    added: float
-    off: float
 
 
 class ParameterSummary(TypedDict):
@@ -60,7 +46,7 @@ class ParameterSummary(TypedDict):
     start: Value | None
     truth: NotRequired[float]
     of: NotRequired[str]
-    prior: NotRequired[PriorSummary]
+    prior: NotRequired[PriorKnowledge]
 
 
 def parameter_summary(
@@ -87,15 +73,6 @@ class FitsSummary(TypedDict, total=False):
     compared: dict[str, FitSummary]
 
 
-class MarkSummary(TypedDict):
-    """A stretch of a recording that is left out: why, from when to when [s], for which signals (all without any)."""
-
-    kind: Kind
-    start: float
-    stop: float
-    signals: list[str]
-
-
 class TraceSummary(TypedDict):
     """A recording: where it comes from, its hash, what was found in it, and whether it was fitted or held out.
 
@@ -110,7 +87,7 @@ class TraceSummary(TypedDict):
     role: str
     notes: NotRequired[list[str]]
     left_out: NotRequired[float]
-    marks: NotRequired[list[MarkSummary]]
+    marks: NotRequired[list[Mark]]
 
 
 class VerdictSummary(TypedDict):
@@ -329,13 +306,9 @@ def data_summary(recorded: Iterable[StudyTrace], held_out: Iterable[str] = ()) -
             entry["notes"] = list(recording.remarks)
         if recording.marks:
             entry["left_out"] = recording.left_out
-            entry["marks"] = [_mark(mark) for mark in recording.marks[:MOST]]
+            entry["marks"] = list(recording.marks[:MOST])
         entries.append(entry)
     return entries
-
-
-def _mark(mark: Mark) -> MarkSummary:
-    return {"kind": mark.kind, "start": mark.start, "stop": mark.stop, "signals": list(mark.signals)}
 
 
 def finite(value: float) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NotRequired
 
 import numpy as np
@@ -19,13 +20,14 @@ from orchestrator.results import versions
 SHOWN = 60  # candidates
 
 
-class ResponseSummary(TypedDict):
-    """What a limited variable is predicted to do, and its limits; null where there is none."""
+@dataclass(frozen=True)
+class ResponseSummary:
+    """What a limited variable is predicted to do, and its limits; infinite where there is none."""
 
     least: float
     most: float
-    above: float | None
-    below: float | None
+    above: float
+    below: float
     unit: str
 
 
@@ -180,19 +182,14 @@ def _worst(design: Design) -> dict[str, float | None]:
 
 
 def _experiment(design: Design, candidate: TriedExperiment) -> ExperimentSummary:
-    whole, responses = candidate.tried.whole, dict[str, ResponseSummary]()
-    for name, limit in design.study.limits.items():
-        responses[name] = {
-            "least": float(whole[name].min()),
-            "most": float(whole[name].max()),
-            "above": finite(limit.above),
-            "below": finite(limit.below),
-            "unit": design.units.get(name, ""),
-        }
+    whole, units = candidate.tried.whole, design.units
     return {
         "family": candidate.family,
         "values": dict(candidate.tried.values),
-        "responses": responses,
+        "responses": {
+            name: ResponseSummary(whole[name].min(), whole[name].max(), limit.above, limit.below, units.get(name, ""))
+            for name, limit in design.study.limits.items()
+        },
         "noise": design.noise(candidate),
         "alone": finite(design.alone(candidate)),
     }

@@ -44,6 +44,23 @@ class EstimatedValue:
         return (self.ci95[1] - self.ci95[0]) / 2 if self.known else None
 
 
+@dataclass(frozen=True)
+class PriorKnowledge:
+    """What was known of a parameter before, beside what the recordings say.
+
+    Attributes:
+        text: the prior in words, in the parameter's unit.
+        source: where it is from.
+        added: share of its variance that the recordings took away; 0 where they say nothing of the parameter.
+        off: how many standard deviations of the prior the estimate is off.
+    """
+
+    text: str
+    source: str
+    added: float
+    off: float
+
+
 def with_interval(value: float, std: float, dof: float = math.inf, unit: str = "", off: float = 0.0) -> EstimatedValue:
     """The estimate with 95 % interval value +- t(0.975, dof) * std; normal when `dof` is infinite.
 

@@ -56,8 +56,7 @@ class Whiteness(ReadOnlyArrays):
     """Result of a portmanteau test: small `p_value` means the residuals are correlated.
 
     Attributes:
-        statistic: Ljung-Box, summed over the windows.
-        freedom: degrees of freedom of its chi-square distribution.
+        freedom: degrees of freedom of the chi-square distribution of what Ljung and Box sum over lags and windows.
         autocorrelation: (L + 1,) pooled over the windows, 1 at lag 0.
         band: 99 % of a white residual's autocorrelations lie within +- this.
         line: p value of the strongest line in the spectrum, which shows an error at one frequency, or a slow one, that
@@ -65,7 +64,6 @@ class Whiteness(ReadOnlyArrays):
         line_at: where that is [cycles a sample].
     """
 
-    statistic: float
     freedom: int
     p_value: float
     autocorrelation: FloatArray
@@ -121,7 +119,7 @@ def whiteness(residuals: Sequence[ArrayLike], lags: int = 20) -> Whiteness:
     total, freedom = float(np.sum(factor * r[:, 1:] ** 2)), used * len(rows)
     pooled = np.average(r, axis=0, weights=counts[:, 0])
     band = _BAND / float(np.sqrt(counts.sum()))
-    return Whiteness(total, freedom, float(chdtrc(freedom, total)), pooled, band, *_strongest_line(rows))
+    return Whiteness(freedom, float(chdtrc(freedom, total)), pooled, band, *_strongest_line(rows))
 
 
 def _strongest_line(rows: Sequence[FloatArray]) -> tuple[float, float]:

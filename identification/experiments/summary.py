@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 
 from identification.experiments.claims import ClaimJudgement, figures, unexpected, verdicts
 from identification.experiments.experiments import Experiments
-from identification.experiments.reduction import ReductionExample, ValidationErrors
+from identification.experiments.reduction import ReductionExample
 from identification.experiments.schema import ControlLoop
 from identification.experiments.set_result import SetResult
 from identification.experiments.tables import ThesisTable, model_name, reduced_name, tables
@@ -20,19 +20,17 @@ from identification.method import Calibrated
 from identification.recordings.units import unit_documents
 from identification.results import ClaimsSummary, ClaimSummary, data_summary, finite
 from orchestrator.results import versions
+from orchestrator.trace import FloatArray
 
 
-class ErrorsSummary(TypedDict):
-    """Delta of each output in data matching and in set-point following, null for an unstable loop."""
-
-    dmv: list[float | None]
-    sfv: list[float | None] | None
-
-
-class AttemptSummary(ErrorsSummary):
-    """How a model of one order did."""
+@dataclass(frozen=True, eq=False)
+class AttemptSummary:
+    """How a model of one order did: delta of each output in data matching and in set-point following, None for an
+    unstable loop."""
 
     stable: bool
+    dmv: FloatArray
+    sfv: FloatArray | None
 
 
 class SetSummary(TypedDict):
@@ -63,11 +61,14 @@ class ModeRank:
     msv: int
 
 
-class StageSummary(ErrorsSummary):
-    """A reduced or updated model: which modes it keeps, all when there are none."""
+@dataclass(frozen=True, eq=False)
+class StageSummary:
+    """A reduced or updated model: which modes it keeps, all when there are none, and its errors as in an attempt."""
 
-    kept: list[str]
+    kept: tuple[str, ...]
     order: int
+    dmv: FloatArray
+    sfv: FloatArray | None
 
 
 class ExampleSummary(TypedDict):
@@ -214,7 +215,7 @@ def _set(experiments: Experiments, result: SetResult) -> SetSummary:
         "stop_time": result.data_set.stop,
         "frequency_distances": [finite(distance) for distance in result.frequencies],
         "by_order": {
-            str(attempt.order): {"stable": attempt.model.stable, **_errors(attempt.errors)}
+            str(attempt.order): AttemptSummary(attempt.model.stable, attempt.errors.dmv, attempt.errors.sfv)
             for attempt in result.attempts
         },
         "model": model_name(result),
@@ -228,14 +229,7 @@ def _example(experiments: Experiments, reduction: ReductionExample) -> ExampleSu
         "compensation_removed": example.removed,
         "ranking": list(map(ModeRank, ranking.labels, ranking.mrm, ranking.msv)),
         "stages": {
-            stage.name: {"kept": list(stage.kept), "order": stage.model.order, **_errors(stage.errors)}
+            stage.name: StageSummary(stage.kept, stage.model.order, stage.errors.dmv, stage.errors.sfv)
             for stage in reduction.stages
         },
-    }
-
-
-def _errors(errors: ValidationErrors) -> ErrorsSummary:
-    return {
-        "dmv": [finite(float(error)) for error in errors.dmv],
-        "sfv": None if errors.sfv is None else [finite(float(error)) for error in errors.sfv],
     }

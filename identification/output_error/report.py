@@ -54,7 +54,7 @@ def _windows(section: Section, windows: WindowsSummary) -> None:
     """How the recordings have chosen windows."""
     section.paragraph(f"{windows_words(windows)[0].upper()}{windows_words(windows)[1:]}.")
     rows: list[list[Cell]] = [
-        [name, str(one["taken"]), str(one["still"]), str(one["less"])] for name, one in windows["traces"].items()
+        [name, str(one.taken), str(one.still), str(one.less)] for name, one in windows["traces"].items()
     ]
     section.table(["trace", "taken", "still", "less motion than those"], rows, numeric=(1, 2, 3))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import NotRequired
@@ -15,12 +17,16 @@ from identification.output_error.choice.summary import ChoiceSummary
 from identification.output_error.choice.summary import summary as choice_summary
 from identification.output_error.chosen_windows import PickedWindows
 from identification.output_error.exported.latencies import latency_fmus, latency_notes
-from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimate import Estimate, OutputNoise, Shot
+from identification.output_error.search.intervals import Bootstrap
+from identification.output_error.search.roughness import Roughness
 from identification.output_error.verdict import calibration_verdict
 from identification.results import ParameterSummary, Summary, data_summary, finite
+from identification.signals.excitation import Picked
 from orchestrator.crossing import documents_of
 from orchestrator.fmi.interface import Value
 from orchestrator.results import versions
+from orchestrator.trace import FloatArray
 
 GIVEN = (
     "intervals take the model, and whatever is fixed in it, for right: a wrong constant that other parameters make up "
@@ -28,14 +34,16 @@ GIVEN = (
 )
 
 
-class CovarianceSummary(TypedDict):
-    """Covariance of the free parameters, in the product of their units; null beside one that is not determined."""
+@dataclass(frozen=True, eq=False)
+class NamedCovariance:
+    """Covariance (n, n) of the free parameters, in the product of their units; nan beside an undetermined one."""
 
-    parameters: list[str]
-    matrix: list[list[float | None]]
+    parameters: tuple[str, ...]
+    matrix: FloatArray
 
 
-class ProfileSummary(TypedDict):
+@dataclass(frozen=True, eq=False)
+class ProfileSummary:
     """How the least cost rises as a parameter is held beside its estimate, and what the interval would be locally.
 
     Attributes:
@@ -45,39 +53,11 @@ class ProfileSummary(TypedDict):
         local95: the interval by the sensitivities at the estimate.
     """
 
-    values: list[float]
-    rise: list[float]
+    values: FloatArray
+    rise: FloatArray
     threshold: float
-    open: dict[str, str]
-    local95: list[float | None]
-
-
-class BootstrapSummary(TypedDict):
-    """Fits to windows drawn with replacement, and what intervals were read off them."""
-
-    resamples: int
-    failed: int
-    seed: int
-    kind: str
-    std: dict[str, float]
-
-
-class NoiseSummary(TypedDict):
-    """What is left over of an output, taken for noise.
-
-    Attributes:
-        std, rounding: its rms, and that of the recording's rounding to steps of `resolution` [unit of the output].
-        white: whether tests take it for white.
-        why_not: which one does not.
-        samples_each: how many samples of it tell as much as one of white noise.
-    """
-
-    std: float
-    white: bool
-    why_not: str
-    samples_each: float
-    resolution: float
-    rounding: float
+    open: Mapping[str, str]
+    local95: tuple[float, float]
 
 
 class UncertaintySummary(TypedDict):
@@ -93,42 +73,14 @@ class UncertaintySummary(TypedDict):
     method: str
     intervals: str
     given: str
-    noise: dict[str, NoiseSummary]
+    noise: dict[str, OutputNoise]
     profiles: NotRequired[dict[str, ProfileSummary]]
-    bootstrap: NotRequired[BootstrapSummary]
-    covariance: CovarianceSummary
+    bootstrap: NotRequired[Bootstrap]
+    covariance: NamedCovariance
     white_residuals: bool
     singular_values: list[float]
     unseen: list[str]
     weak: list[str]
-
-
-class RoughnessSummary(TypedDict):
-    """Of simulations along a parameter without tangents, whose differences their own noise disturbs.
-
-    Attributes:
-        noise: of the outputs by themselves, rms, as a part of what their residuals are weighed by.
-        step: of forward differences, as a part of the parameter.
-    """
-
-    noise: float
-    step: float
-
-
-class ShootingSummary(TypedDict):
-    """What segments of the windows came to, where the search began.
-
-    Attributes:
-        gap: the largest left between two of them, in sizes of the states; `joined` where it counts for none.
-        growth: how many times as much windows make at most of a deviation at their start.
-    """
-
-    segments: int
-    joined: bool
-    gap: float
-    growth: float
-    iterations: int
-    simulations: int
 
 
 class SearchSummary(TypedDict):
@@ -142,16 +94,8 @@ class SearchSummary(TypedDict):
     failures: int
     differences: str
     reasons: list[str]
-    rough: NotRequired[dict[str, RoughnessSummary]]
-    shooting: NotRequired[ShootingSummary]
-
-
-class PickedSummary(TypedDict):
-    """What became of the windows that fit into a recording: taken, still, or with less motion than so many others."""
-
-    taken: int
-    still: int
-    less: int
+    rough: NotRequired[Mapping[str, Roughness]]
+    shooting: NotRequired[Shot]
 
 
 class WindowsSummary(TypedDict):
@@ -160,7 +104,7 @@ class WindowsSummary(TypedDict):
     length: float
     steps: int
     period: float
-    traces: dict[str, PickedSummary]
+    traces: Mapping[str, Picked]
 
 
 class OutputErrorSummary(Summary):
@@ -220,16 +164,9 @@ def summary(calibration: Calibration) -> OutputErrorSummary:
         made["candidate"] = calibration.choice.chosen
         made["choice"] = choice_summary(calibration.choice)
     if found.rough:
-        made["search"]["rough"] = {name: {"noise": one.noise, "step": one.forward} for name, one in found.rough.items()}
-    if (shot := found.shot) is not None:
-        made["search"]["shooting"] = {
-            "segments": shot.segments,
-            "joined": shot.closed,
-            "gap": shot.gap,
-            "growth": shot.growth,
-            "iterations": shot.iterations,
-            "simulations": shot.simulations,
-        }
+        made["search"]["rough"] = found.rough
+    if found.shot is not None:
+        made["search"]["shooting"] = found.shot
     if calibration.picked is not None:
         made["windows"] = _windows(calibration.picked, study.run.step)
     return made
@@ -241,15 +178,14 @@ def _windows(picked: PickedWindows, step: Fraction) -> WindowsSummary:
         "length": float(length.seconds),
         "steps": int(length.seconds / step),
         "period": length.period,
-        "traces": {
-            name: {"taken": one.taken, "still": one.still, "less": one.less} for name, one in picked.traces.items()
-        },
+        "traces": picked.traces,
     }
 
 
 def windows_words(windows: WindowsSummary) -> str:
     """How windows were chosen, in a line."""
-    taken, still, less = (sum(one[key] for one in windows["traces"].values()) for key in ("taken", "still", "less"))
+    picked = windows["traces"].values()
+    taken, still, less = (sum(getattr(one, key) for one in picked) for key in ("taken", "still", "less"))
     left = [f"{still} are still"] * bool(still) + [f"{less} move less than those that are"] * bool(less)
     return (
         f"windows of {windows['length']:.4g} s are chosen by the recordings, whose strongest oscillation lasts "
@@ -257,12 +193,12 @@ def windows_words(windows: WindowsSummary) -> str:
     )
 
 
-def shooting_words(shot: ShootingSummary) -> str:
+def shooting_words(shot: Shot) -> str:
     """What became of segments, in a line."""
-    joined = "have joined" if shot["joined"] else "have NOT joined"
+    joined = "have joined" if shot.joined else "have NOT joined"
     return (
-        f"the search began with windows in {shot['segments']} segments, which {joined}: the largest gap is "
-        f"{shot['gap']:.1g} of a state's size, and whole windows make {shot['growth']:.2g} times as much of a deviation"
+        f"the search began with windows in {shot.segments} segments, which {joined}: the largest gap is "
+        f"{shot.gap:.1g} of a state's size, and whole windows make {shot.growth:.2g} times as much of a deviation"
     )
 
 
@@ -271,21 +207,8 @@ def _uncertainty(found: Estimate) -> UncertaintySummary:
         "method": found.uncertainty.method,
         "intervals": found.intervals.by,
         "given": GIVEN,
-        "noise": {
-            one.output: {
-                "std": one.std,
-                "white": one.white,
-                "why_not": "" if one.white else test.why_not,
-                "samples_each": one.samples_each,
-                "resolution": one.resolution,
-                "rounding": one.rounding,
-            }
-            for one, test in zip(found.noise, found.uncertainty.whiteness, strict=True)
-        },
-        "covariance": {
-            "parameters": list(found.free),
-            "matrix": [[finite(float(value)) for value in row] for row in found.covariance],
-        },
+        "noise": {one.output: one for one in found.noise},
+        "covariance": NamedCovariance(found.free, found.covariance),
         "white_residuals": found.uncertainty.is_white,
         "singular_values": found.identifiability.singular_values.tolist(),
         "unseen": [combination.message for combination in found.identifiability.unseen],
@@ -293,23 +216,11 @@ def _uncertainty(found: Estimate) -> UncertaintySummary:
     }
     if found.intervals.profiles:
         made["profiles"] = {
-            name: {
-                "values": curve.values.tolist(),
-                "rise": curve.rise.tolist(),
-                "threshold": curve.threshold,
-                "open": dict(curve.open),
-                "local95": [finite(end) for end in found.local95[name]],
-            }
+            name: ProfileSummary(curve.values, curve.rise, curve.threshold, curve.open, found.local95[name])
             for name, curve in found.intervals.profiles.items()
         }
-    if (drawn := found.intervals.bootstrap) is not None:
-        made["bootstrap"] = {
-            "resamples": len(drawn.replicates) + drawn.failed,
-            "failed": drawn.failed,
-            "seed": drawn.seed,
-            "kind": drawn.kind,
-            "std": dict(zip(drawn.names, drawn.replicates.std(axis=0, ddof=1).tolist(), strict=True)),
-        }
+    if found.intervals.bootstrap is not None:
+        made["bootstrap"] = found.intervals.bootstrap
     return made
 
 
@@ -347,5 +258,5 @@ def _parameter(calibration: Calibration, name: str) -> ParameterSummary:
     if (variable := study.variable(name)) != name:
         entry["of"] = variable
     if (known := found.known.get(name)) is not None:
-        entry["prior"] = {"text": known.text, "source": known.source, "added": known.added, "off": known.off}
+        entry["prior"] = known
     return entry

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NotRequired
 
@@ -54,12 +56,13 @@ class LoopSummary(TypedDict):
     poles: list[list[float]]
 
 
-class DescentSummary(TypedDict):
+@dataclass(frozen=True)
+class DescentSummary:
     """Where a start of the search led."""
 
-    start: dict[str, float]
-    values: dict[str, float]
-    objective: float | None
+    start: Mapping[str, float]
+    values: Mapping[str, float]
+    objective: float
     feasible: bool
     evaluations: int
 
@@ -303,13 +306,8 @@ def _loops(result: Tuning) -> dict[str, LoopSummary]:
 
 
 def _descent(descent: Descent) -> DescentSummary:
-    return {
-        "start": dict(descent.start),
-        "values": dict(descent.found.values),
-        "objective": finite(descent.found.objective),
-        "feasible": descent.found.feasible,
-        "evaluations": descent.evaluations,
-    }
+    found = descent.found
+    return DescentSummary(descent.start, found.values, found.objective, found.feasible, descent.evaluations)
 
 
 def _parameters(result: TuningOutcome) -> dict[str, ParameterSummary]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from fmus.errors import DatabaseError, TraceError
 from fmus.files import atomic_write
+from fmus.json_document import document_of
 from orchestrator import formats
 from orchestrator.can import logs
 from orchestrator.can.codec.absence import AbsentError
@@ -89,7 +90,7 @@ def relogged(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     log, lost = logs.read(source, progress), Counter[str]()
     count = logs.write(target, (can_log.of_channel(batch, layout) for batch in log), _attached(layout), lost)
     told = tuple(f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items())
-    found = can_log.damage(log) | ({"lost": dict(lost)} if lost else {})
+    found: dict[str, object] = {**document_of(log.findings), **({"lost": dict(lost)} if lost else {})}
     return ConvertedLog(count, "frames", None, (*log.findings.lines(), *told), found)
 
 
@@ -146,7 +147,7 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     atomic_write(target, content)
     told = (*can_log.notes(log, database, survey.names, decoder.statistics), *begins.lines())
     return ConvertedLog(
-        begins.rows, "samples", survey.start, told, {**decoder.statistics.document(), **can_log.damage(log)}
+        begins.rows, "samples", survey.start, told, {**decoder.statistics.document(), **document_of(log.findings)}
     )
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypedDict
 
 from fmus.errors import TraceError
 from fmus.files import sha256
+from fmus.json_document import document_of
 from orchestrator.can import logs
 from orchestrator.can.codec import decoding
 from orchestrator.can.codec.absence import AbsentError
@@ -54,7 +54,7 @@ def read(path: Path, layout: Layout, progress: Progress = silent) -> Recording:
         raise refusal(path, error, counted.frame_count) from None
     trace, stamps = ordered(decoded.trace.time, decoded.trace.signals, decoded.trace.units, str(path))
     schedules = {"schedules": [*map(str, decoded.schedules)]} if decoded.schedules else {}
-    found: dict[str, object] = {**decoded.statistics.document(), **damage(log), **schedules}
+    found: dict[str, object] = {**decoded.statistics.document(), **document_of(log.findings), **schedules}
     named = laid_out(Trace(trace.time, trace.signals, trace.units, path.stem), layout, decoded.names)
     begins = LateBegins()
     begins.feed(named)
@@ -162,24 +162,3 @@ def refusal(path: Path, error: AbsentError, frame_count: FrameCount) -> TraceErr
     )
     reasons = error.reasons(frame_count.identifiers)
     return TraceError(path, f"{error.problem} ({f'{reasons}; ' if reasons else ''}{there})", error.fix)
-
-
-class DamageDocument(TypedDict, total=False):
-    """What of a log could not be read; nothing where all could."""
-
-    skipped: int
-    notes: list[str]
-    damaged: int
-    damage: list[Mapping[str, object]]
-
-
-def damage(log: logs.LogReader) -> DamageDocument:
-    """What could not be read, as plain values; nothing where all could."""
-    found, document = log.findings, DamageDocument()
-    if found.skipped:
-        document["skipped"] = found.skipped
-    if found.notes:
-        document["notes"] = list(found.notes)
-    if found.damaged:
-        document |= {"damaged": found.damaged, "damage": [vars(damage) for damage in found.damage]}
-    return document

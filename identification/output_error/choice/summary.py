@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NotRequired
 
 from typing_extensions import TypedDict
@@ -15,11 +17,12 @@ from orchestrator.display.table import Cell
 FAILED = "failed"
 
 
-class CandidateValueSummary(TypedDict):
-    """A candidate's estimate; `std` is null where there is none."""
+@dataclass(frozen=True)
+class CandidateValueSummary:
+    """A candidate's estimate; `std` is nan where there is none."""
 
     value: float
-    std: float | None
+    std: float
     unit: str
 
 
@@ -119,12 +122,8 @@ def _candidate(choice: Choice, name: str, row: Ranked, least: Sequence[float]) -
 
 
 def _value(outcome: FittedCandidate, name: str) -> CandidateValueSummary:
-    std = outcome.std.get(name)
-    return {
-        "value": outcome.values[name],
-        "std": None if std is None else finite(std),
-        "unit": outcome.units.get(name, "1"),
-    }
+    std, unit = outcome.std.get(name, math.nan), outcome.units.get(name, "1")
+    return CandidateValueSummary(outcome.values[name], std, unit)
 
 
 def candidate_rows(choice: ChoiceSummary) -> tuple[list[str], list[list[Cell]]]:

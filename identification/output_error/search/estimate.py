@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from identification.estimation.arrow_least_squares import Iterate, Minimum, Point, WindowBlock
+from identification.estimation.estimated_value import PriorKnowledge
 from identification.estimation.identifiability import Identifiability
 from identification.estimation.information import Information
 from identification.estimation.parameters import Parameter, ParameterSet
@@ -35,18 +36,20 @@ class Shot(ReadOnlyArrays):
         values: name -> parameter.
         starts: component.variable -> (W,) estimated start values of the windows.
         gap: the largest that is left between two segments, in sizes of the states.
-        closed: whether that is none.
+        joined: whether that counts for none.
         cost: of the outputs, by least squares.
         noise: standard deviation of the residuals, by which what is known before was weighed.
         growth: how many times as much windows make at most of a deviation at their start.
         blocks: the windows linearised there, as far as segments stay joined.
     """
 
+    KEYS = ("segments", "joined", "gap", "growth", "iterations", "simulations")
+
     segments: int
     values: Mapping[str, float]
     starts: Mapping[str, FloatArray]
     gap: float
-    closed: bool
+    joined: bool
     cost: float
     iterations: int
     simulations: int
@@ -71,36 +74,22 @@ class StartReport:
 
 
 @dataclass(frozen=True)
-class PriorKnowledge:
-    """What was known of a parameter before, beside what the recordings say.
-
-    Attributes:
-        text: the prior in words, in the parameter's unit.
-        source: where it is from.
-        added: share of its variance that the recordings took away; 0 where they say nothing of the parameter.
-        off: how many standard deviations of the prior the estimate is off.
-    """
-
-    text: str
-    source: str
-    added: float
-    off: float
-
-
-@dataclass(frozen=True)
 class OutputNoise:
     """What is left over of an output, taken for noise.
 
     Attributes:
         std: its rms [unit of the output].
-        white: whether it is one, by its tests.
+        white: whether it is one, by its tests; `why_not` says which one does not take it for white.
         samples_each: how many samples of it tell as much as one of white noise.
         resolution: step in which the output was recorded [its unit], 0 for none.
     """
 
+    KEYS = ("std", "white", "why_not", "samples_each", "resolution", "rounding")
+
     output: str
     std: float
     white: bool
+    why_not: str
     samples_each: float
     resolution: float
 
@@ -348,11 +337,12 @@ def _noise(problem: Problem, uncertainty: Covariance, residuals: Sequence[FloatA
         OutputNoise(
             output=name,
             std=float(np.sqrt(np.mean(stacked[:, i] ** 2))),
-            white=uncertainty.whiteness[i].white,
-            samples_each=1.0 if uncertainty.whiteness[i].white else float(uncertainty.samples_each[i]),
+            white=test.white,
+            why_not="" if test.white else test.why_not,
+            samples_each=1.0 if test.white else float(uncertainty.samples_each[i]),
             resolution=float(coarsest[i]),
         )
-        for i, name in enumerate(problem.outputs)
+        for i, (name, test) in enumerate(zip(problem.outputs, uncertainty.whiteness, strict=True))
     )
 
 

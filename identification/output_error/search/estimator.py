@@ -261,7 +261,7 @@ def _begin(work: Work) -> tuple[Iterate, tuple[StartReport, ...]]:
 
 def _shot(problem: Problem, there: Iterate, shot: Shot) -> Minimum:
     """Where segments have joined, of windows too long to be searched by free runs."""
-    if not shot.closed:
+    if not shot.joined:
         return Minimum(there, shot.iterations, False, APART)
     left = LEAST_SQUARES.cost(problem.measured_only(there.residuals, range(len(problem.windows))))
     more = math.sqrt(2 * left / problem.samples) - math.sqrt(2 * shot.cost / problem.samples)

@@ -21,11 +21,23 @@ class Bootstrap(ReadOnlyArrays):
         kind: of the intervals: bca, or percentile where that cannot be had.
     """
 
+    KEYS = ("resamples", "failed", "seed", "kind", "std")
+
     names: tuple[str, ...]
     replicates: FloatArray
     failed: int
     seed: int
     kind: BootstrapKind
+
+    @property
+    def resamples(self) -> int:
+        """Fits that were made."""
+        return len(self.replicates) + self.failed
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Name -> standard deviation of its estimates [unit]."""
+        return dict(zip(self.names, self.replicates.std(axis=0, ddof=1).tolist(), strict=True))
 
 
 @dataclass(frozen=True)

@@ -34,11 +34,13 @@ class Roughness:
 
     Attributes:
         noise: rms of residuals' own noise, weighted.
-        forward, central: relative steps of differences.
+        step, central: relative steps of forward and of central differences.
     """
 
+    KEYS = ("noise", "step")
+
     noise: float
-    forward: float
+    step: float
     central: float
 
 

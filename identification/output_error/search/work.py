@@ -40,7 +40,7 @@ class Work:
         fine = self.options.difference_step
         step = min(coarser * fine, max(fine, _COARSEST))
         wide, noise = self.reached.wide, self.reached.noise
-        rough = {column: (one.forward, one.central) for column, one in self.reached.rough.items()}
+        rough = {column: (one.step, one.central) for column, one in self.reached.rough.items()}
         return FreeRun(self.problem, self.pool, self.tally, windows, step, wide, coarser == 1.0, noise, rough)
 
     @property

@@ -88,7 +88,7 @@ def _shot(shots: Shots, segmented: Problem, joined: JoinedSegments, shape: tuple
         values=segmented.parameters.values(point.parameters),
         starts=starts,
         gap=joined.gap,
-        closed=joined.closed,
+        joined=joined.closed,
         cost=joined.cost,
         iterations=joined.found.iterations,
         simulations=joined.system.run.tally.simulations,

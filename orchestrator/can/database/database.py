@@ -6,7 +6,7 @@ are not taken apart: a container has no signals of its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,8 @@ from typing import Any
 from fmus.errors import DatabaseError
 from orchestrator.can.database import addressing, reading
 from orchestrator.can.database.addressing import CANOPEN, Addressing
-from orchestrator.can.database.interpretation import protected, specification
+from orchestrator.can.database.interpretation import specification
 from orchestrator.can.database.message import LeftOut, MessageSpec, SignalSpec, instead
-from orchestrator.can.database.protection import Protection
 from orchestrator.can.database.sources import file_and_bus
 
 
@@ -92,15 +91,6 @@ class Database:
     def public_name(self, message: MessageSpec, signal: SignalSpec) -> str:
         """The signal's own name where no other message has it, else Message.signal."""
         return signal.name if len(self._owners[signal.name]) == 1 else f"{message.name}.{signal.name}"
-
-    def protected(self, protections: Mapping[str, Protection]) -> Database:
-        """The same database where these messages (by name) have these counters and checksums.
-
-        Raises:
-            DatabaseError: a message lacks the signal, or it cannot serve.
-        """
-        known = {name: protected(self.path, self.message(name), given) for name, given in protections.items()}
-        return self.changed(known.get(message.name, message) for message in self.messages)
 
     def changed(self, messages: Iterable[MessageSpec]) -> Database:
         """The same database with other messages."""

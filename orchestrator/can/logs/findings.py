@@ -47,6 +47,8 @@ class Findings:
         zoneless: whether the log has a date without a time zone, which counts as UTC.
     """
 
+    KEYS = ("skipped?", "notes?", "damaged?", "damage?")
+
     damage: list[Damage] = field(default_factory=list)
     damaged: int = 0
     skipped: int = 0

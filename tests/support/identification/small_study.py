@@ -109,7 +109,8 @@ def write_study(path: Path, **changes: Any) -> Path:
 
 def calibrated(study_file: Path, data: Path, target: Path) -> dict[str, Any]:
     """The summary of a calibration, whose folder is `target`."""
-    return {**calibrate_study(study_file, data, target, silent)}
+    calibrate_study(study_file, data, target, silent)
+    return summary(target)
 
 
 def summary(folder: Path) -> dict[str, Any]:

@@ -84,15 +84,15 @@ def test_noise_is_measured_and_steps_are_near_the_best(ripple: float) -> None:
     for column, one in found.items():
         assert one.noise == pytest.approx(ripple / np.sqrt(2), rel=0.3)
         best = min(off(run, here, column, float(step)) for step in np.geomspace(1e-7, 0.03, 30))
-        assert off(run, here, column, one.forward) < max(5 * best, 1e-3)
+        assert off(run, here, column, one.step) < max(5 * best, 1e-3)
     if ripple > 1e-6:
-        assert off(run, here, 1, found[1].forward) < 0.2 * off(run, here, 1, run.step)
+        assert off(run, here, 1, found[1].step) < 0.2 * off(run, here, 1, run.step)
 
 
 def test_what_is_smooth_has_no_noise_and_the_step_that_is_asked_for() -> None:
     run, here = run_of(0.0)
     for one in roughness(run, here, [0, 1]).values():
-        assert one.noise < 1e-10 and one.forward == run.step
+        assert one.noise < 1e-10 and one.step == run.step
 
 
 class Gridded(Rippled):

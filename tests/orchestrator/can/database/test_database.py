@@ -15,6 +15,7 @@ from fmus.errors import DatabaseError
 from orchestrator.can.database import database
 from orchestrator.can.database.bus import load_all
 from orchestrator.can.database.database import Database
+from orchestrator.can.database.interpretation import protected
 from orchestrator.can.database.protection import Protection
 from orchestrator.can.database.sources import parsed, paths
 
@@ -122,9 +123,8 @@ def test_a_counter_goes_by_its_usual_name(tmp_path: Path) -> None:
 
 
 def test_protection_can_be_given_and_is_checked(base: Database) -> None:
-    given = base.protected({"Status": Protection("Encoder_Counter"), "Command": Protection(checksum="status")})
-    assert given.message("Status").protection == Protection("Encoder_Counter", 256)
-    assert given.message("State").protection == base.message("State").protection
+    given = protected(base.path, base.message("Status"), Protection("Encoder_Counter"))
+    assert given.protection == Protection("Encoder_Counter", 256)
     for wrong, problem in [
         (Protection("angle"), "no plain unsigned counter"),
         (Protection("none"), "has no signal"),
@@ -134,7 +134,7 @@ def test_protection_can_be_given_and_is_checked(base: Database) -> None:
         (Protection(checksum="crc", data_id=1 << 16), "has not 16 bits"),
     ]:
         with pytest.raises(DatabaseError, match=problem):
-            base.protected({"State": wrong})
+            protected(base.path, base.message("State"), wrong)
 
 
 def test_what_autosar_has_beside_can_is_no_fault(tmp_path: Path) -> None:

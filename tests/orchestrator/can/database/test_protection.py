@@ -16,6 +16,7 @@ from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database import database, protection
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.database import Database
+from orchestrator.can.database.interpretation import protected
 from orchestrator.can.database.protection import Protection
 from orchestrator.can.frames import Frames
 from orchestrator.trace import Trace
@@ -39,7 +40,9 @@ BA_ "GenMsgCycleTime" BO_ 101 10;
 def base(tmp_path: Path) -> Database:
     path = tmp_path / "rig.dbc"
     path.write_text(DBC)
-    return database.load(path).protected({"State": Protection("counter", 0, "crc", "CRC8_H2F", 0x1234)})
+    read = database.load(path)
+    state = protected(path, read.message("State"), Protection("counter", 0, "crc", "CRC8_H2F", 0x1234))
+    return read.changed([state, read.message("Timed")])
 
 
 def states(base: Database, count: int) -> Frames:
