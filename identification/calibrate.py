@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from fmus.errors import ScenarioError
 from fmus.parameters import srmd, ssv
@@ -22,8 +22,6 @@ from identification.results import (
     GROUPS,
     STUDY,
     SUMMARY,
-    ClaimsSummary,
-    ClaimSummary,
     ParameterSummary,
     Summary,
 )
@@ -45,6 +43,10 @@ from orchestrator.results import (
     write_json,
 )
 from orchestrator.yaml_file import joined, naming, text_of
+
+if TYPE_CHECKING:
+    from identification.experiments.claims import JudgedClaim
+    from identification.experiments.summary import ExperimentsSummary
 
 PROVENANCE = ("title", "method", "candidate", "parameters", "models", "data", "versions")
 """What of a summary travels inside the FMUs, where it says something."""
@@ -318,19 +320,17 @@ def judge_claims(study_file: Path, target: Path) -> FileDocument:
     """
     if load_study(study_file).block.method != "experiments":
         raise ScenarioError(study_file, "states claims but is no study of experiments", "set `method: experiments`")
-    found = cast(ClaimsSummary, calibrate_study(study_file, None, target, silent))
+    found = cast("ExperimentsSummary", calibrate_study(study_file, None, target, silent))
     cases = [_case(claim) for claim in found["claims"]]
     return {"title": found["title"], "passed": found["as_stated"], "out": str(target), "cases": cases}
 
 
-def _case(claim: ClaimSummary) -> CaseDocument:
+def _case(claim: JudgedClaim) -> CaseDocument:
     checks: list[CheckDocument] = [
-        {"text": comparison["text"], "held": comparison["held"], "found": comparison["text"]}
-        for comparison in claim["comparisons"]
+        {"text": comparison.text, "held": comparison.held, "found": comparison.text} for comparison in claim.comparisons
     ]
-    stated = claim["outcome"] == claim["stated"]
-    problem = None if stated else f"{claim['outcome']}, where the study states '{claim['stated']}'"
-    return {"name": claim["statement"], "passed": stated, "error": problem, "checks": checks}
+    problem = None if claim.as_stated else f"{claim.outcome}, where the study states '{claim.stated}'"
+    return {"name": claim.statement, "passed": claim.as_stated, "error": problem, "checks": checks}
 
 
 def layout_of(study_file: Path) -> Layout:

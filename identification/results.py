@@ -149,38 +149,6 @@ class ValidationSummary(TypedDict):
     messages: NotRequired[MessagesSummary | None]
 
 
-class ComparisonSummary(TypedDict):
-    """An inequality of a claim in words, its two sides, and whether it holds."""
-
-    text: str
-    less: float | None
-    than: float | None
-    held: bool
-
-
-class ClaimSummary(TypedDict):
-    """How a claim came out, and how the study states that it does."""
-
-    statement: str
-    outcome: str
-    stated: str
-    reason: str
-    comparisons: list[ComparisonSummary]
-
-
-class JudgedClaimSummary(ClaimSummary):
-    """A claim, and how it came out under the study's other preparation."""
-
-    compared: ClaimSummary | None
-
-
-class ClaimsSummary(Summary):
-    """The summary of a study that states claims."""
-
-    as_stated: bool
-    claims: list[JudgedClaimSummary]
-
-
 def verdict(
     fit: FitSummary,
     side: str,

@@ -14,9 +14,10 @@ from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
     from identification.design.summary import DesignSummary
+    from identification.experiments.summary import ExperimentsSummary
     from identification.fits import FitSummary
     from identification.output_error.results import OutputErrorSummary
-    from identification.results import ClaimsSummary, Summary, ValidationSummary, VerdictSummary
+    from identification.results import Summary, ValidationSummary, VerdictSummary
     from identification.subspace.summary import SubspaceSummary
     from identification.tuning.summary import RigSummary, TuningSummary
 
@@ -219,7 +220,7 @@ def _table(document: Summary) -> Listing:
     """What there is to tell first: models, claims or parameters."""
     if "models" in document:
         return _models(cast("SubspaceSummary", document))
-    return _claims(cast("ClaimsSummary", document)) if "claims" in document else _parameters(document)
+    return _claims(cast("ExperimentsSummary", document)) if "claims" in document else _parameters(document)
 
 
 def _parameters(document: Summary) -> Listing:
@@ -276,11 +277,8 @@ def _models(document: SubspaceSummary) -> Listing:
     return Listing(("model", "order", *of_sides, "worst"), rows, title)
 
 
-def _claims(document: ClaimsSummary) -> Listing:
-    rows = []
-    for claim in document["claims"]:
-        held = sum(comparison["held"] for comparison in claim["comparisons"])
-        rows.append((claim["statement"], claim["outcome"], f"{held} of {len(claim['comparisons'])}"))
+def _claims(document: ExperimentsSummary) -> Listing:
+    rows = [(one.statement, one.outcome, f"{one.count} of {len(one.comparisons)}") for one in document["claims"]]
     return Listing(("claim", "outcome", "comparisons"), rows, document["title"])
 
 

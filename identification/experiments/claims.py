@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from identification.experiments.set_result import SetResult, mean
 class Inequality:
     """One inequality: the largest of what should be less (times its factor) and the smallest of what should be more."""
 
+    KEYS = ("text", "less", "than", "held")
+
     block: InequalityBlock
     less: float
     than: float
@@ -28,7 +31,9 @@ class Inequality:
     def held(self) -> bool:
         return self.less < self.than
 
-    def __str__(self) -> str:
+    @property
+    def text(self) -> str:
+        """It in words, with the figures."""
         factor = f"{self.block.times:g} x " if self.block.times != 1 else ""
         sign = "<" if self.held else "not <"
         return f"{factor}{_side(self.block.less, self.less)} {sign} {_side(self.block.than, self.than)}"
@@ -38,8 +43,19 @@ class Inequality:
 class ClaimJudgement:
     """A claim and how its inequalities came out."""
 
+    KEYS: ClassVar[tuple[str, ...]] = ("statement", "outcome", "stated", "reason", "comparisons")
+
     claim: ClaimBlock
     comparisons: tuple[Inequality, ...]
+
+    @property
+    def statement(self) -> str:
+        return self.claim.statement
+
+    @property
+    def stated(self) -> ClaimOutcome:
+        """How the study states that it comes out."""
+        return self.claim.outcome
 
     @property
     def count(self) -> int:
@@ -56,12 +72,21 @@ class ClaimJudgement:
     @property
     def as_stated(self) -> bool:
         """Whether the study states this outcome."""
-        return self.outcome == self.claim.outcome
+        return self.outcome == self.stated
 
     @property
     def reason(self) -> str:
         """Why it did not hold, where it did not."""
         return "" if self.outcome == "held" else self.claim.reason
+
+
+@dataclass(frozen=True)
+class JudgedClaim(ClaimJudgement):
+    """A claim under the study's preparation, and under the other one where there is one."""
+
+    KEYS = (*ClaimJudgement.KEYS, "compared")
+
+    compared: ClaimJudgement | None
 
 
 def judge(experiments: Experiments) -> list[ClaimJudgement]:
@@ -77,21 +102,18 @@ def judge(experiments: Experiments) -> list[ClaimJudgement]:
     ]
 
 
-Verdicts = list[tuple[ClaimJudgement, ClaimJudgement | None]]
-
-
-def verdicts(experiments: Experiments) -> Verdicts:
-    """All claims under the study's preparation, and under the other one where there is one."""
+def verdicts(experiments: Experiments) -> list[JudgedClaim]:
+    """All claims of the study, as `judge`."""
     own = judge(experiments)
     others = judge(experiments.compared) if experiments.compared else itertools.repeat(None)
-    return list(zip(own, others, strict=False))
+    return [JudgedClaim(one.claim, one.comparisons, other) for one, other in zip(own, others, strict=False)]
 
 
-def unexpected(claims: Verdicts) -> list[str]:
+def unexpected(claims: Sequence[JudgedClaim]) -> list[str]:
     """A sentence about each claim that comes out otherwise than the study states."""
     return [
-        f"'{own.claim.statement}' is {own.outcome}, where the study states '{own.claim.outcome}'"
-        for own, _ in claims
+        f"'{own.statement}' is {own.outcome}, where the study states '{own.stated}'"
+        for own in claims
         if not own.as_stated
     ]
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from identification.experiments.claims import ClaimJudgement, Verdicts, verdicts
+from identification.experiments.claims import ClaimJudgement, JudgedClaim, verdicts
 from identification.experiments.experiments import Experiments
 from identification.experiments.set_result import SetResult, mean
 from identification.experiments.summary import summary
@@ -36,17 +38,18 @@ def report(experiments: Experiments) -> Report:
     return page
 
 
-def _claims(section: Section, claims: Verdicts, warnings: list[str], name: str) -> None:
-    counts = {outcome: sum(own.outcome == outcome for own, _ in claims) for outcome in MARKS}
+def _claims(section: Section, claims: Sequence[JudgedClaim], warnings: list[str], name: str) -> None:
+    counts = {outcome: sum(own.outcome == outcome for own in claims) for outcome in MARKS}
     section.highlights([(outcome, count, f"of {len(claims)} claims") for outcome, count in counts.items()])
     section.warnings(warnings)
-    for own, other in claims:
-        verdict = f"{own.claim.statement}: {_verdict(own)}."
+    for own in claims:
+        other = own.compared
+        verdict = f"{own.statement}: {_verdict(own)}."
         against = f"With {name}: {_verdict(other)}." if other else ""
         section.callout(MARKS[own.outcome], " ".join(filter(None, [verdict, own.reason, against])))
-        rows: list[list[Cell]] = [[str(comparison), comparison.held] for comparison in own.comparisons]
+        rows: list[list[Cell]] = [[comparison.text, comparison.held] for comparison in own.comparisons]
         for row, comparison in zip(rows, other.comparisons if other else (), strict=False):
-            row += [str(comparison), comparison.held]
+            row += [comparison.text, comparison.held]
         section.table(["comparison", "holds", *([name, "holds"] if other else [])], rows)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from typing_extensions import TypedDict
 
-from identification.experiments.claims import ClaimJudgement, figures, unexpected, verdicts
+from identification.experiments.claims import JudgedClaim, figures, unexpected, verdicts
 from identification.experiments.experiments import Experiments
 from identification.experiments.reduction import ReductionExample
 from identification.experiments.schema import ControlLoop
@@ -18,7 +18,7 @@ from identification.linear.model import LinearModel
 from identification.linear.summary import ModelSummary, ModeSummary, mode_summaries, model_summary
 from identification.method import Calibrated
 from identification.recordings.units import unit_documents
-from identification.results import ClaimsSummary, ClaimSummary, data_summary, finite
+from identification.results import Summary, data_summary, finite
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
 
@@ -95,9 +95,11 @@ class PayloadMode:
     damping: float
 
 
-class ExperimentsSummary(ClaimsSummary):
+class ExperimentsSummary(Summary):
     """The summary of a campaign of experiments; `figures` are those that claims speak of."""
 
+    as_stated: bool
+    claims: list[JudgedClaim]
     sets: dict[str, SetSummary]
     examples: dict[str, ExampleSummary]
     linear_models: dict[str, FinalModelSummary]
@@ -117,7 +119,7 @@ def summary(experiments: Experiments) -> ExperimentsSummary:
         "parameters": {},
         "fit": {},
         "as_stated": not others,
-        "claims": [{**_claim(own), "compared": _claim(other) if other else None} for own, other in claims],
+        "claims": claims,
         "sets": {label: _set(experiments, result) for label, result in experiments.results.items()},
         "examples": {name: _example(experiments, reduction) for name, reduction in experiments.reductions.items()},
         "linear_models": {
@@ -175,24 +177,6 @@ def warnings_of(experiments: Experiments) -> list[str]:
     if unstable:
         warnings.append(f"no order of the range is stable for {', '.join(unstable)}; the best of all is shown")
     return warnings
-
-
-def _claim(judgement: ClaimJudgement) -> ClaimSummary:
-    return {
-        "statement": judgement.claim.statement,
-        "outcome": judgement.outcome,
-        "stated": judgement.claim.outcome,
-        "reason": judgement.reason,
-        "comparisons": [
-            {
-                "text": str(comparison),
-                "less": finite(comparison.less),
-                "than": finite(comparison.than),
-                "held": comparison.held,
-            }
-            for comparison in judgement.comparisons
-        ],
-    }
 
 
 def _figures(experiments: Experiments) -> dict[str, float | None]:
