@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -10,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmus.errors import ScenarioError, TraceError
+from fmus.errors import ScenarioError, TraceError, within
 from orchestrator.marks import Mark, listed, runs, union
 from orchestrator.trace import BoolArray, FloatArray, Trace, require_finite
 
 MOST = 4  # stretches that a message spells out
 MUCH = 0.1  # of a recording left out, from which it is a warning
+
+LOG = logging.getLogger("servotwin.recordings")
 
 
 @dataclass(frozen=True)
@@ -58,15 +61,21 @@ def excluded(exclusions: Sequence[Exclusion], traces: Sequence[Trace], foreign: 
         place, names = f"traces.exclude[{number}]", [trace.name for trace in traces]
         if exclusion.trace is not None and exclusion.trace not in names and not foreign:
             raise ScenarioError(place, f"there is no trace '{exclusion.trace}'", f"there are {', '.join(names[:6])}")
-        met = False
+        reached = False
+        left_out: list[Mark] = []
         for trace, own in zip(traces, found, strict=True):
             if exclusion.trace in (None, trace.name):
                 inside = (trace.time >= exclusion.start) & (trace.time <= exclusion.stop)
-                met |= bool(inside.any())
-                own.extend(_stretches(inside & exclusion.met(trace), trace.time))
-        if not (met or foreign):
+                reached |= bool(inside.any())
+                with within(place):
+                    stretches = _stretches(inside & exclusion.met(trace), trace.time)
+                own.extend(stretches)
+                left_out += stretches
+        if not (reached or foreign):
             last = max(float(trace.time[-1]) for trace in traces)
             raise ScenarioError(place, "lies in no trace", f"the longest ends at {last:g} s")
+        if reached and not left_out:
+            LOG.warning("%s leaves nothing out: '%s' is nowhere beyond its limit there", place, exclusion.signal)
     return found
 
 

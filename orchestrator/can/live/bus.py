@@ -21,7 +21,7 @@ from fmus.errors import BusError, InputError
 from fmus.words import complaint
 from orchestrator.can import frame_time
 from orchestrator.can.slcan import protocol
-from orchestrator.can.slcan.bus import ERROR_BUS_OFF, SlcanBus
+from orchestrator.can.slcan.bus import ERROR_BUS_OFF, PortInUse, SlcanBus
 
 __all__ = ["BusSettings", "OnBuses", "is_bus_off", "occupied", "open_bus", "opened", "parse_option", "send"]
 
@@ -127,11 +127,10 @@ def open_bus(settings: BusSettings) -> can.BusABC:
             return SlcanBus(settings.channel, **keywords)
         return can.Bus(settings.channel, settings.interface, ignore_config=True, **keywords)
     except Exception as error:  # drivers raise anything: ImportError, AttributeError, their own
-        raise BusError(
-            settings.place,
-            f"does not open ({complaint(error)})",
-            "see that the adapter is plugged in, its driver installed, and the channel right",
-        ) from error
+        fix = "see that the adapter is plugged in, its driver installed, and the channel right"
+        if isinstance(error, PortInUse):
+            fix = "end the other program, or give another channel"
+        raise BusError(settings.place, f"does not open ({complaint(error)})", fix) from error
 
 
 @contextlib.contextmanager

@@ -54,6 +54,10 @@ _DETAILS = {  # letter: class, byte of the data, bits in it
 }
 
 
+class PortInUse(can.CanInitializationError):
+    """Somebody else has the serial port open."""
+
+
 class SlcanBus(slcanBus):
     """An adapter on a serial port that is ours alone; what it reports of errors comes as error frames.
 
@@ -319,8 +323,9 @@ def _port(name: str, baudrate: int, rtscts: bool) -> serial.Serial:
     try:
         return serial.Serial(name, baudrate, rtscts=rtscts, timeout=0.001, exclusive=True)
     except serial.SerialException as error:
-        why = "another program has the port open" if error.errno == errno.EWOULDBLOCK else str(error)
-        raise can.CanInitializationError(why) from error
+        if error.errno == errno.EWOULDBLOCK:
+            raise PortInUse("another program has the port open") from error
+        raise can.CanInitializationError(str(error)) from error
 
 
 def _release(port: serial.Serial) -> None:

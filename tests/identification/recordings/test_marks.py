@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from fmus.errors import TraceError
-from identification.recordings.marks import excluded, require_known, sound
+from identification.recordings.marks import Exclusion, excluded, require_known, sound
 from identification.recordings.schema import TracesBlock
 from orchestrator.trace import Trace
 
@@ -49,3 +49,15 @@ def test_of_many_stretches_the_first_and_their_number_are_said() -> None:
     trace = Trace(np.arange(100.0), {"a": np.where(np.arange(100) % 2, np.inf, 1.0)}, name="rig")
     with pytest.raises(TraceError, match=r"1 s \(50 samples\).*from: 7\.0, to: 7\.0}, \.\.\.\]`, 50 stretches"):
         require_known("rig", [trace], ["a"])
+
+
+def test_a_condition_that_is_met_nowhere_is_told_and_one_of_no_signal_names_its_place(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    trace = Trace(np.arange(10.0), {"a": np.arange(10.0)}, name="rig")
+    assert excluded([Exclusion(signal="a", above=5.0)], [trace]) != [[]]
+    assert not caplog.messages
+    assert excluded([Exclusion(signal="a", above=9.0)], [trace]) == [[]]
+    assert caplog.messages == ["traces.exclude[0] leaves nothing out: 'a' is nowhere beyond its limit there"]
+    with pytest.raises(TraceError, match=r"traces\.exclude\[0\]: rig: has no signal 'b'; it holds a"):
+        excluded([Exclusion(signal="b", above=9.0)], [trace])
