@@ -18,7 +18,7 @@ def drawn() -> dict[str, tuple[str, int | None]]:
     """Error -> its parent in the drawing, and the exit code that it states."""
     tree, above = {}, [("Exception", -1)]
     for line in str(errors.__doc__).splitlines():
-        found = re.match(r"([│├└─ ]*)([A-Z]\w+(?:Error|Failed|Ended|Missing|Refused))\b", line)
+        found = re.match(r"([│├└─ ]*)([A-Z]\w+(?:Error|Failed|Ended|Missing|Refused|Discarded))\b", line)
         if found is None:
             continue
         depth = len(found[1]) // 4

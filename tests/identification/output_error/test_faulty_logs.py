@@ -154,7 +154,7 @@ def test_the_truth_is_within_its_interval_whatever_the_fault_and_what_is_left_ou
     document = found(recorded(tmp_path, spoil, rests))
     assert_true(document)
     (trace,) = document["data"]
-    assert {mark["kind"] for mark in trace.get("marks", [])} == set(kinds)
+    assert {mark.kind for mark in trace.get("marks", [])} == set(kinds)
     warned = [warning for warning in document["warnings"] if "are left out" in warning]
     assert bool(warned) == bool(kinds)
     assert ("from [s]" in (tmp_path / "out" / "report.html").read_text()) == bool(kinds)
@@ -182,7 +182,7 @@ def test_what_a_study_excludes_is_left_out(exclude: Any, tmp_path: Path) -> None
     document = found(recorded(tmp_path, told(4.0)), exclude=exclude)
     assert_true(document)
     (trace,) = document["data"]
-    assert [mark["kind"] for mark in trace["marks"]] == ["excluded"]
+    assert [mark.kind for mark in trace["marks"]] == ["excluded"]
     assert trace["left_out"] == pytest.approx(2, abs=0.03)
 
 
@@ -194,7 +194,7 @@ def test_a_result_is_validated_on_other_recordings_than_those_its_exclusions_nam
     (other / "run.blf").rename(other / "new.blf")
     judged = validate_result(tmp_path / "out", other, tmp_path / "judged", silent)
     assert judged["fit"]["unseen"]["median"] > 0.9
-    assert {mark["kind"] for mark in judged["data"][0]["marks"]} == {"gap", "excluded"}
+    assert {mark.kind for mark in judged["data"][0]["marks"]} == {"gap", "excluded"}
 
 
 @pytest.mark.parametrize(
