@@ -22,7 +22,7 @@ from orchestrator.fmi.functions.values import VariableGroup
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.said import LOG, REPEATS
 from orchestrator.fmi.status import returned
-from orchestrator.processes import last_words
+from orchestrator.processes import arithmetic, last_words
 from orchestrator.processes.interrupts import broken_off
 
 # Errors are raised with what the FMU said, so their messages need no louder place in the log.
@@ -175,6 +175,7 @@ class FmuInstance(Generic[A]):
         if status:
             self._check(status, "initialise")
         self._under_way = True
+        self._set_arithmetic_back()
         if self._given:
             self._require_taken(self._given_group, self._given)
         if self.interface.sizes:
@@ -201,6 +202,9 @@ class FmuInstance(Generic[A]):
                 self._check(self._fmi.call("Terminate"), "terminate")
             except FmuError as error:
                 LOG.warning("%s", error)
+        self._set_arithmetic_back(
+            ", by this FMU or one beside it: what was computed since may be off in its last digits"
+        )
 
     @property
     def texts(self) -> Mapping[str, tuple[str, ...]]:
@@ -270,6 +274,7 @@ class FmuInstance(Generic[A]):
         except Exception as error:
             raise self._failure("instantiate", str(error)) from error
         self._alive = True
+        self._set_arithmetic_back()
         self._resets, self._terminates = self._resets and self._fmi.has("Reset"), self._fmi.has("Terminate")
         self._fmi.log_trouble()
         self._groups: dict[tuple[str, ...], VariableGroup] = {}
@@ -277,6 +282,12 @@ class FmuInstance(Generic[A]):
         self._given_group = self._group()
         self.bind(*self._bound)
         self._configure()
+
+    def _set_arithmetic_back(self, since: str = " since the FMU was called") -> None:
+        """See that the processor computes as it did, and say where it did not."""
+        if how := arithmetic.altered():
+            undone = "this is undone" if arithmetic.set_back() else "this cannot be undone here"
+            LOG.warning("%s: the processor %s%s; %s (`--isolate` keeps it to the FMU)", self.name, how, since, undone)
 
     def _functions(self, kind: Callable[..., A], fmu: FmuFile) -> A:
         """The functions of the FMU, with an instance made."""

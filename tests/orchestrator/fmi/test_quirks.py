@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import platform
 from collections.abc import Iterator
 from contextlib import ExitStack
 from fractions import Fraction
@@ -19,6 +20,7 @@ from identification.cli import app
 from orchestrator import formats
 from orchestrator.engine import Engine, RunFailed, Simulation, Timing, compiled
 from orchestrator.fmi import said as fmu_said
+from orchestrator.processes import arithmetic
 from orchestrator.scenario.run import ScenarioFailed, run_scenario
 from orchestrator.system import Part
 from orchestrator.trace import Trace
@@ -324,3 +326,37 @@ def test_a_record_that_memory_cannot_hold_is_refused_before_it_begins(tmp_path: 
     path.write_text(path.read_text().replace("stop: 1,", "stop: 1.0e+12,"))
     line = servotwin("run", path, "--out", tmp_path / "out", code=2)
     assert "10,000,000,000,001 rows of 1 values to keep would take 80,000 GB of memory, " in line and "--stream" in line
+
+
+UPWARD = "fesetround(FE_UPWARD);"
+TO_ZERO = "__builtin_ia32_ldmxcsr(__builtin_ia32_stmxcsr() | 0x8040);"  # as GCC's -ffast-math does where it is loaded
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the instructions are those of x86-64")
+@pytest.mark.parametrize("engine", BOTH)
+@pytest.mark.parametrize(
+    ("quirk", "code", "told"),
+    [
+        ("ON_SETUP", UPWARD, "does not round to the nearest number since the FMU was called; this is undone"),
+        ("ON_SETUP", TO_ZERO, "takes numbers below 2.2e-308 for zero since the FMU was called; this is undone"),
+        ("ON_STEP", UPWARD, "does not round to the nearest number, by this FMU or one beside it: what was computed"),
+        ("ON_STEP", TO_ZERO, "takes numbers below 2.2e-308 for zero, by this FMU or one beside it: what was computed"),
+    ],
+)
+def test_arithmetic_that_an_fmu_changes_for_all_is_told_and_set_back(
+    quirk: str,
+    code: str,
+    told: str,
+    engine: Engine,
+    tmp_path: Path,
+    stack: ExitStack,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stack.callback(arithmetic.set_back)
+    made = simulated(stack, quirks.build(tmp_path / "quirks.fmu", **{quirk: code}), engine=engine)
+    result = made.run()
+    (said,) = [message for message in caplog.messages if "the processor" in message]
+    assert said.startswith(f"lag: the processor {told}")
+    assert not arithmetic.altered()
+    if quirk == "ON_SETUP":
+        assert result.trace["lag.x"] == pytest.approx(DECAY, rel=1e-15)

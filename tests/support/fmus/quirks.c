@@ -1,4 +1,5 @@
 /* x' = u - k x by Euler steps (FMI 2.0, co-simulation); macros with statements put quirks into its functions. */
+#include <fenv.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
