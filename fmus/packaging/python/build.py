@@ -44,10 +44,13 @@ _CAPABILITIES = {
 
 # pythonfmu finds the class by the text "class <name>(Fmi2Slave):".
 _SHIM = '''"""Entry point that pythonfmu looks for."""
-from {package}.packaging.python.slave import ModelSlave as Fmi2Slave, hold_module
+from pathlib import Path
+
+from {package}.packaging.python.slave import ModelSlave as Fmi2Slave, hold_module, release_at_exit
 from {package}.models import {module}
 
 hold_module(globals())
+release_at_exit(Path(__file__).parents[1] / "binaries" / "linux64" / "{name}.so")
 
 
 class Slave(Fmi2Slave):
@@ -93,7 +96,7 @@ def _code(model: Model) -> dict[str, bytes]:
     files |= {f"resources/{package}/{folder}__init__.py": b"" for folder in folders}
     shim = f"{package}_slave"
     files[f"resources/{shim}.py"] = _SHIM.format(
-        package=package, module=source.stem, call=model.call, conflicts=conflicts(model)
+        package=package, module=source.stem, name=model.name, call=model.call, conflicts=conflicts(model)
     ).encode()
     files["resources/slavemodule.txt"] = shim.encode()
     files |= runtime.files(model.name)

@@ -3,6 +3,7 @@
 This file travels inside the FMU, beside the model it runs; it reads defaults and tables from the FMU's resources.
 """
 
+import atexit
 import ctypes
 import math
 import sys
@@ -30,6 +31,12 @@ def read_table(folder: Path, name: str) -> Table:
 def hold_module(namespace: dict[str, Any]) -> None:
     """Add one reference to a module's namespace: pythonfmu 0.7 drops one that is not its own with every instance."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(namespace))
+
+
+def release_at_exit(library: Path) -> None:
+    """Have pythonfmu 0.7 let go of Python as Python ends: later, as the process does, it writes into freed memory."""
+    if sys.platform == "linux":
+        atexit.register(ctypes.CDLL(str(library)).finalizePythonInterpreter)
 
 
 class ModelSlave(Fmi2Slave):

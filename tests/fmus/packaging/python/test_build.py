@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -248,6 +249,17 @@ def test_fifty_instances_are_created_and_freed_without_losing_their_module(fmu: 
     program = MANY.format(path=str(fmu("pendulum")))
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout.split()) == (0, ["True", "pendulum", "freed"]), done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
+def test_a_process_that_had_the_fmu_ends_without_touching_freed_memory(fmu: Built, tmp_path: Path) -> None:
+    """pythonfmu 0.7 writes there at the end of a process unless it has let go of Python before: some abort."""
+    program = MANY.format(path=str(fmu("pendulum"))).replace("range(50)", "range(4)")
+    log = tmp_path / "memory.txt"
+    command = ["valgrind", "--error-limit=no", f"--log-file={log}", sys.executable, "-c", program]
+    subprocess.run(command, env=os.environ | {"PYTHONMALLOC": "malloc"}, capture_output=True, timeout=300, check=True)
+    assert "ERROR SUMMARY" in log.read_text() and "finalizePythonInterpreter" not in log.read_text()
 
 
 def test_an_fmu_runs_where_the_project_is_not_installed(fmu: Built, tmp_path: Path) -> None:
