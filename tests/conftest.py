@@ -22,7 +22,7 @@ settings.register_profile("any load", deadline=None)
 settings.load_profile("any load")
 
 POOLS = {"identification", "batch"}  # folders of tests many of which work in pools of processes
-AHEAD = ["orchestrator.batch.ahead", "orchestrator.batch.suite", "identification.output_error.simulator"]
+AHEAD = ["orchestrator.batch.ahead", "orchestrator.batch.suite", "identification.output_error.free_runs.simulator"]
 
 # What a test may need beyond the extra `dev` -> the module or the program that shows that it is there.
 MODULES = {

@@ -18,24 +18,18 @@ from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.fits import FitSummary, fit_summary
 from identification.output_error.choice.choice import Choice
 from identification.output_error.chosen_windows import PickedWindows, chosen_length, picked_windows
+from identification.output_error.free_runs.simulator import SystemFactory
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
 from identification.output_error.search.options import SearchOptions, Watch
 from identification.output_error.search.problem import Problem
 from identification.output_error.shooting.shooting import shoot
 from identification.output_error.shooting.shots import Shots, cut
 from identification.output_error.shooting.states import SettableState, states
-from identification.output_error.simulator import SystemFactory
 from identification.output_error.start_values import UnreadStart, resting_inputs, start_warnings, unread_starts
 from identification.output_error.study import OutputErrorStudy, WindowSpec
 from identification.output_error.times.rates import rate_warnings
-from identification.output_error.windows import (
-    FreeRunWindow,
-    counted,
-    evenly_weighed,
-    initial_states,
-    length_warnings,
-    weighed,
-)
+from identification.output_error.windows import counted, evenly_weighed, initial_states, length_warnings, weighed
 from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
 from identification.recordings.clipping import clipping_warnings

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fmus.errors import TraceError
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.study import AutoWindows, FreeRunSpec, OutputErrorStudy, WindowSpec
 from identification.output_error.times.spans import on_raster
-from identification.output_error.windows import FreeRunWindow, cut_windows
+from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace
 from identification.signals.excitation import STILL, Length, Picked, most_moving, motion, spreads, stretch_length
 from orchestrator.fmi.interface import Port

@@ -11,6 +11,7 @@ from identification.estimation.validation import whiteness
 from identification.fits import told
 from identification.output_error.calibration import Calibration, Judged
 from identification.output_error.choice.report import draw_candidates
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.results import (
     OutputErrorSummary,
     WindowsSummary,
@@ -19,7 +20,6 @@ from identification.output_error.results import (
     windows_words,
 )
 from identification.output_error.uncertainty_report import uncertainty
-from identification.output_error.windows import FreeRunWindow
 from identification.result_sections import draw_parameters, provenance, verdict_callout
 from identification.signals.frequency_response import fit_sine
 from identification.signals.processing import dominant_frequency

@@ -11,8 +11,8 @@ import numpy as np
 
 from fmus.units import conversion
 from fmus.words import listed
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.study import HALF_WIDTH, OutputErrorStudy
-from identification.output_error.windows import FreeRunWindow
 from orchestrator.fmi.interface import Port
 from orchestrator.system import Endpoint, System
 from orchestrator.trace import FloatArray, Trace

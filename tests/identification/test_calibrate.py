@@ -15,7 +15,7 @@ from typer.testing import Result
 from fmus.errors import FmuError
 from identification.calibrate import calibrate_study, layout_of
 from identification.output_error import calibration
-from identification.output_error.simulator import SystemSimulator
+from identification.output_error.free_runs.simulator import SystemSimulator
 from identification.validation import validate_result
 from orchestrator.processes import pool
 from orchestrator.scenario.exchange import export

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
+from identification.output_error.free_runs.simulator import SystemFactory, SystemSimulator
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
 from identification.output_error.search.options import IntervalOptions
-from identification.output_error.simulator import SystemFactory, SystemSimulator
 from identification.output_error.times.delays import Estimated, compared_rows
-from identification.output_error.windows import FreeRunWindow
 from identification.signals.resolution import resolution
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, SystemSpec, assemble
 from orchestrator.engine import Timing

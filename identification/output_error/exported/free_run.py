@@ -16,8 +16,8 @@ from fmus.parameters.write_back import description_of, is_ours
 from identification.estimation.groups import own_values
 from identification.output_error.calibration import Calibration
 from identification.output_error.exported.latencies import Latency, latencies
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.times.delays import Estimated
-from identification.output_error.windows import FreeRunWindow
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.interface import Value

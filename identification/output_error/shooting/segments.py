@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmus.errors import IdentificationError
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.times.delays import compared_rows
-from identification.output_error.windows import FreeRunWindow
 from orchestrator.trace import FloatArray
 
 

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmus.errors import IdentificationError
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.shooting.segments import Segment, instants, part, segments
 from identification.output_error.shooting.states import SettableState
 from identification.output_error.study import OutputErrorStudy
-from identification.output_error.windows import FreeRunWindow, read_starts
+from identification.output_error.windows import read_starts
 from identification.recordings.campaign import StudyTrace
 from orchestrator.fmi.interface import Port
 from orchestrator.trace import FloatArray, ReadOnlyArrays

@@ -12,9 +12,9 @@ from identification.signals.resolution import resolution
 from orchestrator.trace import FloatArray, Trace
 
 if TYPE_CHECKING:
+    from identification.output_error.free_runs.window import FreeRunWindow
     from identification.output_error.study import FreeRunSpec
     from identification.output_error.times.lateness import OutputLateness
-    from identification.output_error.windows import FreeRunWindow
     from identification.recordings.campaign import StudyTrace
 
 _MUCH = 0.05  # of an input's spread, rms over the steps

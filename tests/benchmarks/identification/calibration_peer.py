@@ -22,9 +22,10 @@ from fmpy.fmi2 import FMU2Slave
 from scipy.optimize import least_squares
 
 from identification.output_error.calibration import PreparedStudy
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.study import WindowSpec
-from identification.output_error.windows import FreeRunWindow, weighed
+from identification.output_error.windows import weighed
 from identification.recordings.campaign import load_campaign
 from identification.study import load_study
 from orchestrator.fmi.interface import Value

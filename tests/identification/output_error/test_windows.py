@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 
 from fmus.errors import TraceError, WiringError
 from fmus.units import Conversion
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.study import StartSpec
 from identification.output_error.times.delays import KnownDelay
-from identification.output_error.windows import FreeRunWindow, counted, cut_windows, evenly_weighed, start_curve
+from identification.output_error.windows import counted, cut_windows, evenly_weighed, start_curve
 from identification.recordings.campaign import StudyTrace
 from orchestrator.crossing import noted
 from orchestrator.fmi.interface import Port

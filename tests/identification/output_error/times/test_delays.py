@@ -21,9 +21,10 @@ from fmus.errors import InputError, ScenarioError
 from fmus.modelling.instance import Instance
 from fmus.models.plants import dc_motor, pendulum
 from identification.calibrate import calibrate_study
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.schema import OutputErrorBlock
 from identification.output_error.times.delays import HeldCommand, late_outputs
-from identification.output_error.windows import FreeRunWindow, cut_windows
+from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace
 from identification.validation import validate_result
 from orchestrator import formats

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.output_error.windows import FreeRunWindow
+from identification.output_error.free_runs.window import FreeRunWindow
 from orchestrator.assembly.assembly import Assembled, OpenSystem
 from orchestrator.engine import Run, Simulation, Timing
 from orchestrator.fmi.interface import Value
