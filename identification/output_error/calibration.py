@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -129,8 +130,8 @@ class Calibration:
     choice: Choice | None = None
     picked: PickedWindows | None = None
 
-    @property
-    def warnings(self) -> list[str]:
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
         """What a reader of the figures must know."""
         doubts = [str(crossing) for crossing in self.crossings if crossing.doubtful]
         said = [*(self.choice.doubts if self.choice else ()), *_of_groups(self)]
@@ -141,7 +142,7 @@ class Calibration:
         said += rate_warnings(self.study.run, self.recorded, self.train.windows, self.estimate.late)
         signals = {name: spec.signal for name, spec in self.study.run.outputs.items()}
         said += clipping_warnings(signals, self.recorded, self.train.runs)
-        return [*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded)]
+        return (*said, *doubts, *self.starts, *self.estimate.warnings, *recording_warnings(self.recorded))
 
     @property
     def _windows(self) -> WindowSpec:

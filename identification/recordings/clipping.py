@@ -24,15 +24,14 @@ def clipping_warnings(
     """
     for column, (name, signal) in enumerate(signals.items()):
         runs = [(trace, time, outputs[:, column]) for trace, time, outputs in simulated]
+        ends = [
+            (one.highest, (one.share, one.value, trace.name))
+            for trace in (one.trace for one in recorded)
+            for one in clipped(trace[signal])
+            if _goes_on(one, trace, [(time, y) for own, time, y in runs if own == trace.name])
+        ]
         for highest in (True, False):
-            found = [
-                (one.share, one.value, trace.name)
-                for trace in (one.trace for one in recorded)
-                for one in clipped(trace[signal])
-                if one.highest is highest
-                and _goes_on(one, trace, [(time, y) for own, time, y in runs if own == trace.name])
-            ]
-            if found:
+            if found := [end for is_highest, end in ends if is_highest is highest]:
                 share, value, trace_name = max(found)
                 side, limit = ("highest", "above") if highest else ("lowest", "below")
                 yield (

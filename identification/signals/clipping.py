@@ -35,12 +35,11 @@ class Clipped:
 
 def clipped(values: FloatArray) -> Iterator[Clipped]:
     """The ends of its range at which a signal (K,) stops."""
-    least = _SUDDEN * resolution(values)
     for value, highest in ((float(values.max()), True), (float(values.min()), False)):
-        found = tuple(
-            (first, after)
-            for first, after in runs(values == value)
-            if after - first >= _LONG and first >= 2 and abs(values[first - 1] - values[first - 2]) > least
-        )
+        rests = [(first, after) for first, after in runs(values == value) if after - first >= _LONG and first >= 2]
+        if len(rests) < _OFTEN:
+            continue
+        least = _SUDDEN * resolution(values)
+        found = tuple(rest for rest in rests if abs(values[rest[0] - 1] - values[rest[0] - 2]) > least)
         if len(found) >= _OFTEN:
             yield Clipped(value, highest, found, float(np.mean(values == value)))
