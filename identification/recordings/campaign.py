@@ -25,7 +25,6 @@ from orchestrator.fmi.isolation import Isolation
 from orchestrator.formats import Layout
 from orchestrator.marks import Kind, Mark, listed
 from orchestrator.progress import Progress, silent
-from orchestrator.scenario.run import run_scenario
 from orchestrator.trace import Trace
 
 DAMAGE = {"missing", "checksums", "counters", "not_finite", "out_of_range", "setbacks", "strays", "damaged"}
@@ -362,6 +361,8 @@ def _fields(file: Path, name: FileName) -> tuple[dict[str, float], dict[str, str
 
 
 def _simulated(path: Path, progress: Progress, isolation: Isolation | None) -> list[StudyTrace]:
+    from orchestrator.scenario.run import run_scenario  # noqa: PLC0415 - loads slowly
+
     result = run_scenario(path, progress=progress, isolation=isolation)
     digest = sha256(path)
     traces = []

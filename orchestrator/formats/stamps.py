@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
-from pyarrow import compute
 
 from fmus.errors import TraceError
 from fmus.words import excerpt
@@ -61,6 +59,9 @@ def _utc(local: Instants, zone: str, place: Path) -> tuple[Instants, tuple[str, 
 
 
 def _assumed(local: Instants, zone: str, which: Literal["earliest", "latest"], place: Path) -> Instants:
+    import pyarrow as pa  # noqa: PLC0415 - loads slowly
+    from pyarrow import compute  # noqa: PLC0415 - loads slowly
+
     try:
         known = compute.assume_timezone(pa.array(local).cast(pa.timestamp("ns")), zone, ambiguous=which)
     except (pa.ArrowInvalid, OSError) as problem:
