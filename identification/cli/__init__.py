@@ -6,6 +6,7 @@ import gc
 import sys
 from typing import TYPE_CHECKING, Any
 
+from orchestrator.display.stdout import unwritable
 from orchestrator.guard import guarded
 
 if TYPE_CHECKING:
@@ -26,7 +27,11 @@ def _command() -> None:
     try:
         from identification.cli.commands import app
 
-        app()
+        try:
+            app()
+        except OSError as problem:  # of what the command line itself tells, such as its help
+            print(f"servotwin: {(error := unwritable(problem))}", file=sys.stderr)
+            sys.exit(error.exit_code)
     except Exception as error:  # of the command line itself: what a command raises it tells
         from fmus.errors import InternalError
 

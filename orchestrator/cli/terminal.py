@@ -21,7 +21,7 @@ import typer
 from fmus.errors import InputError, ServotwinError, ours
 from fmus.json_document import json_text
 from orchestrator.display.plain import plain
-from orchestrator.display.stdout import stdout_kept, unread
+from orchestrator.display.stdout import stdout_kept, unread, unwritable
 from orchestrator.processes.interrupts import Interrupts, requested
 from orchestrator.progress import Figures, Progress, silent, tell_ready
 from orchestrator.results import Permission, permitted
@@ -196,28 +196,35 @@ def _answered(work: Callable[[], Answer], terminal: Terminal) -> NoReturn:
         if interrupts.requested or requested():  # whoever met the interrupt has made another error of it
             _interrupted()
         _fail(ours(error), terminal, error)
-    try:
-        _tell(answer, terminal)
-    except BrokenPipeError:  # who reads has read enough
-        unread("stdout")
-    except OSError as problem:
-        unread("stdout")
-        reason = problem.strerror or str(problem)
-        _fail(InputError("standard output", f"cannot be written ({reason})", "send it elsewhere"), terminal, told=True)
+    untold = _told(partial(_show_all, answer, terminal))
     if answer.interrupted or interrupts.requested:
         _interrupted(answer.interrupted or "interrupted")
     if answer.failure is not None:
         _fail(answer.failure, terminal, told=True)
+    if untold is not None and answer.held:
+        raise typer.Exit(untold.exit_code)
     raise typer.Exit(0 if answer.held else 1)
 
 
-def _tell(answer: Answer, terminal: Terminal) -> None:
+def _told(tell: Callable[[], object]) -> InputError | None:
+    """Tell something on standard output; where it cannot be written, that is said, and returned."""
+    try:
+        tell()
+        sys.stdout.flush()
+    except BrokenPipeError:  # who reads has read enough
+        unread("stdout")
+    except OSError as problem:
+        _say(error := unwritable(problem))
+        return error
+    return None
+
+
+def _show_all(answer: Answer, terminal: Terminal) -> None:
     if terminal.json:
         sys.stdout.write(json_text(answer.document))
     elif not terminal.quiet:
         for shown in answer.shown:
             show(shown)
-    sys.stdout.flush()
 
 
 def _log(terminal: Terminal) -> None:
@@ -256,12 +263,15 @@ def _fail(error: ServotwinError, terminal: Terminal, met: Exception | None = Non
     unless an answer has been told."""
     if terminal.verbose >= 2:
         _err().print(_traceback(met or error))
-    _err().print(plain(f"servotwin: {error}"), style="red", soft_wrap=True, markup=False)
+    _say(error)
     if terminal.json and not told:
         failed = {"place": error.place, "problem": error.problem, "fix": error.fix, "exit_code": error.exit_code}
-        sys.stdout.write(json.dumps({"error": failed}, indent=2) + "\n")
-        sys.stdout.flush()
+        _told(lambda: sys.stdout.write(json.dumps({"error": failed}, indent=2) + "\n"))
     raise typer.Exit(error.exit_code) from None
+
+
+def _say(error: ServotwinError) -> None:
+    _err().print(plain(f"servotwin: {error}"), style="red", soft_wrap=True, markup=False)
 
 
 def _traceback(error: Exception) -> Traceback:

@@ -12,6 +12,8 @@ import sys
 from collections.abc import Iterator
 from typing import IO, Any
 
+from fmus.errors import InputError
+
 
 @contextlib.contextmanager
 def stdout_kept() -> Iterator[None]:
@@ -33,17 +35,27 @@ def unread(name: str) -> None:
     setattr(sys, name, _nowhere("w"))
 
 
+def unwritable(problem: OSError) -> InputError:
+    """The error of an answer that cannot be written; what is left of it goes nowhere."""
+    unread("stdout")
+    reason = problem.strerror or str(problem)
+    return InputError("standard output", f"cannot be written ({reason})", "send it elsewhere")
+
+
 def all_there() -> None:
-    """Have standard streams that are closed lead nowhere, lest what is opened next takes their numbers."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+    """Have standard streams that are closed lead nowhere, lest what is opened next takes their numbers.
+
+    Into standard output nothing can be written then, as before: an answer is not lost without a word.
+    """
+    for name, mode, access in (("stdin", "r", os.O_RDWR), ("stdout", "w", os.O_RDONLY), ("stderr", "w", os.O_RDWR)):
         if getattr(sys, name) is None:
-            setattr(sys, name, _nowhere(mode))
+            setattr(sys, name, _nowhere(mode, access))
 
 
-def _nowhere(mode: str) -> IO[Any]:
-    descriptor = os.open(os.devnull, os.O_RDWR)
+def _nowhere(mode: str, access: int = os.O_RDWR) -> IO[Any]:
+    descriptor = os.open(os.devnull, access)
     os.set_inheritable(descriptor, True)
-    return os.fdopen(descriptor, mode)
+    return os.fdopen(descriptor, mode, closefd=False)
 
 
 def _flush_native() -> None:

@@ -44,18 +44,29 @@ def test_whoever_has_read_enough_is_no_failure(recording: Path, options: str) ->
     assert shell(f"info log.csv {options} | head -n 1; exit ${{PIPESTATUS[0]}}", recording) == (0, "")
 
 
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
-def test_closed_streams_change_no_exit_code(recording: Path, closed: str) -> None:
-    assert shell(f"info log.csv {closed}", recording) == (0, "")
+@pytest.mark.parametrize("closed", ["2>&-", "<&-", ">&- 2>&- <&-"])
+def test_closed_streams_change_no_exit_code_of_what_needs_none(recording: Path, closed: str) -> None:
+    assert shell(f"info log.csv -q {closed}", recording) == (0, "")
     code, said = shell(f"info none.csv {closed}", recording)
     assert code == 2
     assert ("none.csv: there is no such file" in said) == ("2" not in closed)
 
 
-@pytest.mark.parametrize("options", ["", "--json"])
-def test_output_that_cannot_be_written_is_told(recording: Path, options: str) -> None:
-    code, said = shell(f"info log.csv {options} > /dev/full", recording)
+CLOSED, FULL = ("Bad file descriptor", ">&-"), ("No space left on device", "> /dev/full")
+
+
+@pytest.mark.parametrize(("why", "where"), [CLOSED, FULL])
+@pytest.mark.parametrize("options", ["log.csv", "log.csv --json", "--help"])
+def test_output_that_cannot_be_written_is_told(recording: Path, options: str, why: str, where: str) -> None:
+    code, said = shell(f"info {options} {where}", recording)
     assert code == 2
-    assert said.splitlines() == [
-        "servotwin: standard output: cannot be written (No space left on device); send it elsewhere"
-    ]
+    assert said.splitlines() == [f"servotwin: standard output: cannot be written ({why}); send it elsewhere"]
+
+
+@pytest.mark.parametrize(("why", "where"), [CLOSED, FULL])
+def test_what_was_wrong_before_output_could_not_be_written_is_told_first(recording: Path, why: str, where: str) -> None:
+    code, said = shell(f"info none.csv --json {where}", recording)
+    assert code == 2
+    first, second = said.splitlines()
+    assert "none.csv: there is no such file" in first
+    assert second == f"servotwin: standard output: cannot be written ({why}); send it elsewhere"
