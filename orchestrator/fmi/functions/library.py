@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
+import ctypes
+import sys
 from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
@@ -37,6 +40,7 @@ class _Lenient:
     _known: Mapping[str, SimpleNamespace] = {}  # names and types of C, which FMPy takes from each of its methods anew
 
     def _loadFunctions(self) -> None:  # noqa: N802 - FMPy's name
+        _release_at_exit(self.dll)
         if not self._known:
             library, self.dll = self.dll, _Blank()
             super()._loadFunctions()  # type: ignore[misc]
@@ -46,6 +50,12 @@ class _Lenient:
             self._functions[name] = function
             function.argnames = told.argnames
             function.argtypes, function.restype = told.argtypes, told.restype
+
+
+def _release_at_exit(library: Any) -> None:
+    """Have pythonfmu 0.7 let go of Python as Python ends: later, as the process does, it writes into freed memory."""
+    if sys.platform == "linux" and hasattr(library, "finalizePythonInterpreter"):
+        atexit.register(ctypes.CDLL(library._name).finalizePythonInterpreter)
 
 
 def _lenient(kind: Any) -> Any:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pythonfmu.builder import FmuBuilder
 from typer.testing import CliRunner
 
 from fmus.errors import FmuError, WiringError
@@ -26,6 +27,7 @@ from orchestrator.system import Part
 from orchestrator.trace import Trace
 from orchestrator.wiring import wire
 from tests.support.fmus import quirks
+from tests.support.memory_errors import memory_errors, needs_valgrind
 
 pytestmark = pytest.mark.slow  # compilers
 BOTH = (Engine.PYTHON, Engine.COMPILED) if compiled.available() else (Engine.PYTHON,)
@@ -360,3 +362,24 @@ def test_arithmetic_that_an_fmu_changes_for_all_is_told_and_set_back(
     assert not arithmetic.altered()
     if quirk == "ON_SETUP":
         assert result.trace["lag.x"] == pytest.approx(DECAY, rel=1e-15)
+
+
+@needs_valgrind
+def test_a_process_that_ran_anothers_python_fmu_ends_without_touching_freed_memory(tmp_path: Path) -> None:
+    """pythonfmu 0.7 writes there at the end of a process unless it has let go of Python before: some abort."""
+    source = tmp_path / "constant.py"
+    source.write_text(
+        "from pythonfmu import Fmi2Causality, Fmi2Slave, Real\n"
+        "class Constant(Fmi2Slave):\n"
+        "    def __init__(self, **kwargs):\n"
+        "        super().__init__(**kwargs)\n"
+        "        self.y = 1.0\n"
+        "        self.register_variable(Real('y', causality=Fmi2Causality.output))\n"
+        "    def do_step(self, current_time, step_size):\n"
+        "        return True\n"
+    )
+    FmuBuilder.build_FMU(source, tmp_path)
+    scenario = tmp_path / "constant.yaml"
+    scenario.write_text("title: constant\ncomponents: {a: {fmu: Constant.fmu}}\nrun: {stop: 1, step: 0.1}\n")
+    program = f"from orchestrator import run; assert run({str(scenario)!r}).cases[0].result.trace['a.y'][-1] == 1.0"
+    assert "finalizePythonInterpreter" not in memory_errors(program, tmp_path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -25,6 +24,7 @@ from fmus.modelling.model import Model, Table, input_, output, parameter
 from fmus.packaging import defaults
 from fmus.packaging.python import build as python
 from tests.support.fmus.either import opened
+from tests.support.memory_errors import memory_errors, needs_valgrind
 
 Built = Callable[[str], Path]
 NAMES = library.names()
@@ -252,14 +252,11 @@ def test_fifty_instances_are_created_and_freed_without_losing_their_module(fmu: 
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
+@needs_valgrind
 def test_a_process_that_had_the_fmu_ends_without_touching_freed_memory(fmu: Built, tmp_path: Path) -> None:
     """pythonfmu 0.7 writes there at the end of a process unless it has let go of Python before: some abort."""
     program = MANY.format(path=str(fmu("pendulum"))).replace("range(50)", "range(4)")
-    log = tmp_path / "memory.txt"
-    command = ["valgrind", "--error-limit=no", f"--log-file={log}", sys.executable, "-c", program]
-    subprocess.run(command, env=os.environ | {"PYTHONMALLOC": "malloc"}, capture_output=True, timeout=300, check=True)
-    assert "ERROR SUMMARY" in log.read_text() and "finalizePythonInterpreter" not in log.read_text()
+    assert "finalizePythonInterpreter" not in memory_errors(program, tmp_path)
 
 
 def test_an_fmu_runs_where_the_project_is_not_installed(fmu: Built, tmp_path: Path) -> None:
