@@ -259,6 +259,8 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
         known = [name for name in fields if name != keys[-1]]
         if below := [name for name, kind in fields.items() if _has(kind, keys[-1])]:
             return ScenarioError(place, "unknown key", f"it belongs under `{below[0]}`")
+        if above := [keys[at] for at in range(len(keys) - 1) if keys[-1] in _fields(schema, document, keys[:at])]:
+            return ScenarioError(place, "unknown key", f"it belongs beside `{above[-1]}`")
         near = difflib.get_close_matches(str(keys[-1]), known, n=1)
         return ScenarioError(
             place,

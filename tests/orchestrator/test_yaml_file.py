@@ -84,6 +84,11 @@ def test_a_file_that_fits_is_its_contents(tmp_path: Path) -> None:
 
 BAD = [
     ("title: a\nradius: 1\n", ":2: radius: unknown key; it belongs under `spare`"),
+    ("title: a\nspare: {radius: 1, names: [b]}\n", ":2: spare.names: unknown key; it belongs beside `spare`"),
+    (
+        "title: a\nwheels: {left: {radius: 1, spare: 2}}\n",
+        ":2: wheels.left.spare: unknown key; it belongs beside `wheels`",
+    ),
     ("title: a\nlamp: {radius: -1}\n", ":2: lamp.radius: input should be greater than 0"),
     ("titel: a\n", ":1: titel: unknown key; did you mean 'title'?"),
     ("title: a\nwheels:\n  left:\n    radios: 1\n", ":4: wheels.left.radios: unknown key; did you mean 'radius'?"),
