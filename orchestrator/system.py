@@ -16,6 +16,7 @@ from orchestrator.fmi.interface import Interface, Port
 FeedThrough = Literal["declared", "none", "all"]
 T = TypeVar("T")
 REAL = ("Real", "Float64", "Float32")
+COMPUTED = ("local", "calculatedParameter")  # what an FMU computes beside its outputs
 
 
 def component_values(component: str, values: Mapping[str, T]) -> dict[str, T]:
@@ -53,6 +54,7 @@ class Part:
         its outputs hold from the end of the step. Any other, a sampled controller or a static gain, reacts at once.
         """
         outputs = frozenset(self.interface.feed_through)
+        outputs = outputs and outputs.union(port.name for port in self.interface.of("local"))
         if self.feed_through != "declared":
             return outputs if self.feed_through == "all" else frozenset()
         return frozenset() if self._dynamic() else outputs
@@ -117,6 +119,7 @@ class System:
     Attributes:
         clocks: the connections between clocks, which carry no values.
         texts: those of texts and of what is binary.
+        settled: those into parameters, along which values pass once, in the initialisation.
     """
 
     parts: Mapping[str, Part]
@@ -124,11 +127,12 @@ class System:
     stimulated: frozenset[Endpoint] = field(default_factory=frozenset)
     clocks: tuple[ClockLink, ...] = ()
     texts: tuple[TextLink, ...] = ()
+    settled: tuple[Connection, ...] = ()
 
     @property
     def links(self) -> tuple[Connection | ClockLink | TextLink, ...]:
         """All by which a component acts on another: with numbers, ticks or texts."""
-        return (*self.connections, *self.clocks, *self.texts)
+        return (*self.connections, *self.clocks, *self.texts, *self.settled)
 
     @property
     def carried(self) -> frozenset[Endpoint]:
@@ -186,6 +190,17 @@ def require(system: System, endpoint: Endpoint, causality: str, role: str, place
             f"{causality}s there: {there}",
         )
     return port
+
+
+def giving(system: System, endpoint: Endpoint, place: str) -> Port:
+    """The variable at an endpoint, from which a connection can take numbers: an output, a calculated parameter, or a
+    local variable, which is taken as an output (SSP 2.0, Connectors).
+
+    Raises:
+        WiringError: it is another, or there is no such variable.
+    """
+    port = system.port(endpoint, place)
+    return port if port.causality in COMPUTED else require(system, endpoint, "output", "can be a source", place)
 
 
 def drivable(system: System, endpoint: Endpoint, role: str, place: str = "") -> Port:

@@ -10,7 +10,8 @@ from fmus.errors import WiringError
 from fmus.modelling.model import element_names
 from fmus.words import with_article
 from orchestrator.crossing import NOTHING_GIVEN, GivenConversion, crossing
-from orchestrator.system import REAL, ClockLink, Connection, Endpoint, Part, System, TextLink, drivable, require
+from orchestrator.fmi.interface import Port
+from orchestrator.system import REAL, ClockLink, Connection, Endpoint, Part, System, TextLink, drivable, giving, require
 
 _TEXTS = ("String", "Binary")
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -22,8 +23,9 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     they differ. A source may have a factor and an offset, which then stand over the units: `2.5 * a.y + 1`.
 
     Raises:
-        WiringError: an unknown name, a source that is no output, a target that is no input, an input with two sources,
-            units of different quantities, types that do not fit, or an input that nothing sets.
+        WiringError: an unknown name, a source that is not computed, a target that is no input (or parameter, where the
+            source is a calculated one), a target with two sources, units of different quantities, types that do not
+            fit, or an input that nothing sets.
     """
     bare = System(dict(parts))
     ends = [(*scaled(source), Endpoint.parse(target)) for source, target in connections]
@@ -36,7 +38,9 @@ def wire(parts: Mapping[str, Part], connections: Iterable[tuple[str, str]], stim
     for endpoint in driven:
         drivable(bare, endpoint, "can be stimulated")
     _one_source_each([*links, *clocks, *texts], driven, bare.carried)
-    system = System(dict(parts), tuple(links), frozenset(driven), tuple(clocks), tuple(texts))
+    settled = tuple(link for link in links if bare.port(link.target).causality == "parameter")
+    moving = tuple(link for link in links if link not in settled)
+    system = System(dict(parts), moving, frozenset(driven), tuple(clocks), tuple(texts), settled)
     _every_input_set(system)
     return system
 
@@ -110,8 +114,7 @@ def _clock_link(system: System, source: Endpoint, target: Endpoint, given: Given
 
 def _link(system: System, source: Endpoint, target: Endpoint, given: GivenConversion) -> Connection:
     place = f"{source} -> {target}"
-    output = require(system, source, "output", "can be a source", place)
-    input_ = require(system, target, "input", "can be a target", place)
+    output, input_ = giving(system, source, place), _taking(system, source, target, place)
     for port in (output, input_):
         if not port.numeric:
             like = {"Clock": "a clock to a clock", "Binary": "what is binary to its like"}
@@ -132,6 +135,17 @@ def _link(system: System, source: Endpoint, target: Endpoint, given: GivenConver
         raise WiringError(place, problem, "round it in a component between")
     passed = crossing(place, output.measure, input_.measure, given)
     return Connection(source, target, passed.conversion.factor, passed.conversion.offset, passed)
+
+
+def _taking(system: System, source: Endpoint, target: Endpoint, place: str) -> Port:
+    """The variable that a connection gives numbers to: an input, or a parameter where its value is one, too."""
+    port, given = system.port(target, place), system.port(source, place)
+    if port.causality != "parameter":
+        return require(system, target, "input", "can be a target", place)
+    if given.causality != "calculatedParameter" and given.variability != "constant":
+        problem = f"'{target}' is a parameter, and '{source}' changes while it runs"
+        raise WiringError(place, problem, "connect a calculated parameter or a constant to it")
+    return port
 
 
 def _one_source_each(

@@ -29,7 +29,7 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
         for port in interface.of("input")
         if port.type == "Binary" and Endpoint(component, port.name) not in told
     ]
-    driven = {link.target for link in system.connections} | system.stimulated
+    driven = {link.target for link in (*system.connections, *system.settled)} | system.stimulated
     free = [
         port.name
         for port in (*interface.of("parameter"), *interface.of("input"))
@@ -39,6 +39,9 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
     said = [f"nothing ticks its clocks ({listed(clocks)})"] if clocks else []
     if binaries:
         said.append(f"its binary inputs ({listed(binaries)}) keep what the FMU gives them")
+    given_on = {link.source for link in system.connections if link.source.component == component}
+    if local := sorted(end.variable for end in given_on if system.port(end).causality == "local"):
+        said.append(f"{listed(local)} is local, which FMI keeps to an FMU; it is connected as an output would be")
     if interface.left_out:
         said.append(f"leaves out {listed(list(interface.left_out))}: `servotwin info` says why")
     if free:

@@ -12,9 +12,12 @@ from orchestrator.engine.plan import CycleSettings
 from orchestrator.engine.run import Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value
+from orchestrator.settable import check_value
+from orchestrator.system import System
 
 
 def initialise(
+    system: System,
     components: Mapping[str, Component],
     timing: Timing,
     engine: Stepper,
@@ -22,18 +25,51 @@ def initialise(
     own: Mapping[str, Mapping[str, Value]],
     stop: Fraction | None,
 ) -> None:
-    """Initialise the components, with their own values, for a run until `stop` [s]."""
+    """Initialise the components of a system, with their own values, for a run until `stop` [s]."""
     told = None if stop is None or not timing.tell_stop else float(stop)
     for name, component in components.items():
         component.set(own[name])
     for component in components.values():
         component.begin(float(timing.start), told, timing.tolerance)
+    _settle(system, components)
     _propagate(engine, loop, timing.cycles)
     for component in components.values():
         component.run()
     values = engine.pass_on(writing=False)
     for node in loop.nodes if not math.isfinite(sum(values)) else ():
         loop.require_finite(node, values[node.first : node.first + len(node.outputs)], "initialisation")
+
+
+def _settle(system: System, components: Mapping[str, Component]) -> None:
+    """Give parameters the values that others calculate, until nothing changes: what is calculated may depend on them.
+
+    Raises:
+        WiringError: a value does not fit its parameter.
+        FmuError: an FMU does not take it, or they do not settle.
+    """
+    given: dict[str, Value] = {}
+    for _ in range(len(system.settled) + 1):
+        before = dict(given)
+        for link in system.settled:
+            name, port = str(link.target), system.port(link.target)
+            value = components[link.source.component].get(link.source.variable)
+            if (link.factor, link.offset) != (1.0, 0.0):
+                value = link.factor * float(value) + link.offset
+            given[name] = check_value(name, port, value)
+            if given[name] != before.get(name):
+                _give(components[link.target.component], link.target.variable, given[name])
+        if given == before:
+            return
+    names = ", ".join(given)
+    raise FmuError(names, "the calculated parameters that they are given run in a circle", "remove a connection")
+
+
+def _give(component: Component, name: str, value: Value) -> None:
+    """Give a parameter a value, and see that it has it, but for rounding to single precision."""
+    taken = component.tune(name, value)
+    if taken != value and not math.isclose(float(taken), float(value), rel_tol=1e-6):
+        fix = "its FMU does not take it in the initialisation; remove the connection, or ask the supplier"
+        raise FmuError(f"{component.name}.{name}", f"was set to {value} but is {taken}", fix)
 
 
 def _propagate(engine: Stepper, loop: Loop, cycles: CycleSettings) -> None:

@@ -128,10 +128,11 @@ class PreparedLoops:
     def _read(self, recorded: Sequence[str]) -> dict[str, list[str]]:
         """component -> outputs that are recorded or drive an input, all where cycles are iterated, so that when they
         count as settled does not depend on the record; then its other variables that are recorded."""
-        wanted = {*recorded, *(str(link.source) for link in self._system.connections)}
+        sources = [str(link.source) for link in self._system.connections]
+        wanted = {*recorded, *sources}
         iterating = self._timing.cycles.iterate or self._plan.iterated
         names = [name for name in self.outputs if iterating or name in wanted]
-        names += [name for name in recorded if name not in self._driven_inputs]
+        names += [name for name in (*sources, *recorded) if name not in self._driven_inputs]
         outputs: dict[str, list[str]] = {name: [] for name in self._components}
         for endpoint in map(Endpoint.parse, dict.fromkeys(names)):
             outputs[endpoint.component].append(endpoint.variable)
@@ -179,7 +180,8 @@ class PreparedLoops:
         """How its steps are iterated."""
         control, step = self._timing.control, self._timing.step
         parts = 1 if control is None else control.parts(step)
-        ends = [Endpoint.parse(name) for name in self.outputs if name in slots]
+        names = dict.fromkeys([*self.outputs, *(str(link.source) for link in self._system.connections)])
+        ends = [Endpoint.parse(name) for name in names if name in slots]
         ends = [end for end in ends if _continuous(self._system.port(end))]
         reacting = frozenset(
             end.component
@@ -234,12 +236,13 @@ class PreparedLoops:
             sources.append(slots[str(link.source) if link else target])
             scale.append((link.factor, link.offset) if link else (1.0, 0.0))
         every = self._plan.every[name]
+        steady = {port.name for port in self._system.parts[name].interface.of("calculatedParameter")}
         return LoopNode(
             component=self._components[name],
             sources=sources,
             scale=scale if any(pair != (1.0, 0.0) for pair in scale) else None,
             first=slots[f"{name}.{outputs[0]}"] if outputs else 0,
-            instant=[bool(self._plan.instant[name])] * len(outputs),
+            instant=[bool(self._plan.instant[name]) and one not in steady for one in outputs],
             every=every,
             duration=float(every * self._plan.tick),
             outputs=outputs,

@@ -193,7 +193,7 @@ class Simulation:
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(steps * every)
-        initialise(self.components, self.timing, engine, loop, own, stop)
+        initialise(self.system, self.components, self.timing, engine, loop, own, stop)
         recorder = Recorder(prepared.columns, loop.time, every * run.record_every, count, sink)
         begun, end = perf_counter(), None
         try:
@@ -233,7 +233,7 @@ class Simulation:
         loop = prepared.loop
         loop.begin(stimuli)
         engine, reason = prepared.steppers.chosen(FARTHEST)
-        initialise(self.components, self.timing, engine, loop, own, None)
+        initialise(self.system, self.components, self.timing, engine, loop, own, None)
         changing.begin()
         every, slots, noting = self._every * run.record_every, prepared.slots, self._noting(sink)
         recorder = Recorder(prepared.columns, loop.time, every, ROWS, lambda piece: noting(changing.beside(piece)))

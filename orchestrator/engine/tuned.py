@@ -48,7 +48,7 @@ class ValueChange:
 
 def changeable(system: System) -> dict[str, Port]:
     """component.variable -> what can be changed while a run goes on."""
-    driven = {link.target for link in system.connections} | system.stimulated
+    driven = {link.target for link in system.links} | system.stimulated
     return {
         f"{name}.{port.name}": port
         for name, part in system.parts.items()

@@ -47,7 +47,8 @@ class Component(Protocol):
         """Present value of a variable, from the initialisation on."""
 
     def tune(self, name: str, value: Value) -> Value:
-        """Give a tunable parameter, or an input that is not bound, a value between two steps; what it has then."""
+        """Give a tunable parameter, or an input that is not bound, a value between two steps, or a parameter one in the
+        initialisation; what it has then."""
 
     def step(self, time: float, duration: float) -> None:
         """Advance from `time` by `duration` [s].

@@ -110,8 +110,9 @@ class ExchangeSlave(FmuInstance[ModelExchange]):
         self._now.inputs = values
 
     def tune(self, name: str, value: Value) -> Value:
-        """Give it a value; that is an event."""
-        self._enter_event_mode()
+        """Give it a value; that is an event, once it is initialised."""
+        if self._running:
+            self._enter_event_mode()
         return super().tune(name, value)
 
     def run(self) -> None:

@@ -12,7 +12,7 @@ from orchestrator.network import carriers
 from orchestrator.rational import written
 from orchestrator.report.wiring import DiagramBox, DiagramWire, WiringDiagram
 from orchestrator.scenario.run import ScenarioResult
-from orchestrator.system import Connection, Endpoint, System
+from orchestrator.system import COMPUTED, Connection, Endpoint, System
 from orchestrator.trace import Trace
 
 
@@ -30,7 +30,8 @@ def wiring_of(result: ScenarioResult, system: System, received: Collection[str] 
         for name, given in driven.items()
     ]
     wires = [DiagramWire((_source(name), "y"), _ends(Endpoint.parse(name))) for name in driven]
-    wires += [DiagramWire(_ends(link.source), _ends(link.target), _conversion(link)) for link in system.connections]
+    numbers = (*system.connections, *system.settled)
+    wires += [DiagramWire(_ends(link.source), _ends(link.target), _conversion(link)) for link in numbers]
     wires += [DiagramWire(_ends(link.source), _ends(link.target), "ticks") for link in system.clocks]
     wires += [DiagramWire(_ends(link.source), _ends(link.target), "") for link in system.texts]
     buses = result.assembled.system.buses
@@ -78,10 +79,11 @@ def _box(result: ScenarioResult, system: System, name: str, wires: list[DiagramW
     used = {wire.target[1] for wire in wires if wire.target[0] == name}
     given = {wire.source[1] for wire in wires if wire.source[0] == name}
     outputs = [port.name for port in part.interface.of("output")]
+    outputs += [port.name for cause in COMPUTED for port in part.interface.of(cause) if port.name in given]
     step = result.scenario.timing.step if part.step is None else part.step
     component = result.assembled.system.components.get(name)
     how = f"{component.solver.method} " if component is not None and component.solver is not None else ""
-    taken = [port.name for port in part.interface.of("input") if port.name in used]
+    taken = [port.name for cause in ("input", "parameter") for port in part.interface.of(cause) if port.name in used]
     shown = [one for one in outputs if one in given or len(outputs) <= 6]
     return DiagramBox(
         name,

@@ -82,11 +82,14 @@ def nested(fmu: FmuFile, role: Role) -> NestedPart:
 
 
 def check_links(file: Path, system: System) -> None:
-    """See that nothing but numbers goes from FMU to FMU.
+    """See that nothing but numbers goes from FMU to FMU, and none to parameters.
 
     Raises:
-        InputError: ticks or texts do.
+        InputError: ticks or texts do, or parameters are calculated.
     """
+    for given in system.settled:
+        problem = f"{given.source} -> {given.target} gives a parameter its value, which is not calculated inside"
+        raise InputError(f"{file}: connections", problem, f"remove it, or {_INSTEAD}")
     for link in (*system.clocks, *system.texts):
         problem = f"{link} carries no numbers, and only those are passed on inside"
         raise InputError(f"{file}: connections", problem, f"remove it, or {_INSTEAD}")

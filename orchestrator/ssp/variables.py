@@ -15,6 +15,7 @@ from orchestrator.fmi.clocks.declared import Clock
 from orchestrator.fmi.interface import Port, Value
 from orchestrator.ssp.description import Connector
 from orchestrator.ssp.names import Version
+from orchestrator.system import COMPUTED
 
 Shape = tuple[int, ...]
 
@@ -62,7 +63,7 @@ def contradiction(connector: Connector, port: Port | None, resized: bool) -> str
     """
     if port is None:
         return "is no variable of its FMU"
-    if connector.kind in ("input", "output", "parameter") and port.causality not in (
+    if connector.kind in ("input", "output", "parameter", *COMPUTED) and port.causality not in (
         connector.kind,
         "structuralParameter",
     ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -23,7 +23,7 @@ from orchestrator.ssp.annotations import ROOT, SYSTEM
 from orchestrator.ssp.names import FMU, SSC, SSD, Version
 from orchestrator.ssp.outline import Outline, Tool
 from orchestrator.ssp.variables import ConnectorVariable, clock_attributes, indexed, set_values, type_name, variables
-from orchestrator.system import Connection, Endpoint, component_values
+from orchestrator.system import COMPUTED, Connection, Endpoint, component_values
 
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -46,6 +46,8 @@ def write(path: Path, outline: Outline, tool: Tool = Tool.ANY) -> list[str]:
 class _Writing:
     def __init__(self, outline: Outline, tool: Tool) -> None:
         self.outline, self.tool = outline, tool
+        self.links = [*outline.system.connections, *outline.system.settled]
+        self.ends = {end for link in self.links for end in (link.source, link.target)}
         self.units: dict[str, NamedUnit] = {}
         self.enumerations: dict[str, Mapping[str, int]] = {}
         self.notes: list[str] = []
@@ -123,13 +125,21 @@ class _Writing:
         for variable in variables(interface.ports.values(), self.outline.version):
             if self._is_connector(name, variable):
                 clock = interface.clocks.get(variable.name)
-                self._add_connector(connectors, variable, variable.port.causality, clock)
+                self._add_connector(connectors, variable, self._kind(name, variable), clock)
         if len(connectors):
             element.append(connectors)
         values = self._values(name, interface)
         self._add_values(element, name, values, interface.ports)
         self._add_annotations(element, name)
         return element
+
+    def _kind(self, component: str, variable: ConnectorVariable) -> str:
+        """What kind of connector a variable has."""
+        kind = variable.port.causality
+        if kind != "local" or self.outline.version is not Version.ONE:
+            return kind
+        self.notes.append(f"{component}.{variable.name}: SSP 1.0 knows no local connectors; it is said to be an output")
+        return "output"
 
     def _add_annotations(self, element: ET.Element, name: str) -> None:
         """Those of other tools, behind our own."""
@@ -143,6 +153,8 @@ class _Writing:
         """Whether a variable is one: of an array in 1.0 an element that is connected, an enumeration where it is
         known."""
         port, sizes = variable.port, variable.port.causality == "structuralParameter"
+        if port.causality in COMPUTED:
+            return self._joins(component, variable)
         if port.causality not in _KINDS and not (sizes and self.outline.version is Version.TWO):
             return False
         if port.type == "Clock":
@@ -153,10 +165,12 @@ class _Writing:
             return Endpoint(component, port.name) in ends
         if port.items and not self.tool.knows_items:
             return False
-        if port.array is None or variable.shape:
-            return True
-        end = Endpoint(component, port.name)
-        return any(end in (link.source, link.target) for link in self.outline.system.connections)
+        return port.array is None or bool(variable.shape) or self._joins(component, variable)
+
+    def _joins(self, component: str, variable: ConnectorVariable) -> bool:
+        """Whether a connection has it, or an element of it, at an end."""
+        names = element_names(variable.name, variable.shape) if variable.shape else [variable.name]
+        return any(Endpoint(component, name) in self.ends for name in names)
 
     def _values(self, component: str, interface: Interface) -> dict[str, Value]:
         """Those of a component; what drives an input there, too, where the tool does not take it from outside."""
@@ -219,13 +233,12 @@ class _Writing:
 
     def _joined(self) -> list[Connection]:
         """The connections; in 2.0 one for all elements of an array that go to those of another in their order."""
-        links = list(self.outline.system.connections)
         if self.outline.version is Version.ONE:
-            return links
+            return self.links
         found: dict[Connection, None] = {}
-        for link in links:
+        for link in self.links:
             whole = self._whole(link)
-            one = whole if whole is not None and self._complete(whole, links) else link
+            one = whole if whole is not None and self._complete(whole) else link
             found[one] = None
         return list(found)
 
@@ -242,11 +255,11 @@ class _Writing:
         )
         return replace(link, source=source, target=target)
 
-    def _complete(self, whole: Connection, links: Sequence[Connection]) -> bool:
+    def _complete(self, whole: Connection) -> bool:
         """Whether all elements are joined, and alike."""
         end = whole.source
         shape = self.outline.system.shape(end) or ()
-        return sum(self._whole(link) == whole for link in links) == math.prod(shape)
+        return sum(self._whole(link) == whole for link in self.links) == math.prod(shape)
 
     def _connection(self, link: Connection) -> ET.Element:
         element = self._link(link.source, link.target)
