@@ -19,7 +19,7 @@ from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.checking import check
 from orchestrator.ssp.document import imported
 from orchestrator.ssp.names import Version
-from tests.support.fmus import deriving
+from tests.support.simulation import deriving
 from tests.support.simulation.ssps import archive, bindings, connection, connectors, real, system, values
 
 CHAIN = ["a.double -> b.k", "10 * b.double + 1 -> c.k", "a.triple -> c.u", "a.double -> b.b"]
