@@ -16,7 +16,7 @@ from fmus.errors import TraceError
 from fmus.files import atomic_write
 from orchestrator.can.log_suffixes import SUFFIXES, is_log
 from orchestrator.formats.layout import Layout
-from orchestrator.formats.recording import Recording, coarse
+from orchestrator.formats.recording import Recording, coarse, largest
 from orchestrator.marks import of_stamps
 from orchestrator.plugins import plugins
 from orchestrator.progress import Progress, silent
@@ -82,7 +82,7 @@ def read(path: str | Path, layout: Layout | None = None, progress: Progress = si
     file = Path(path)
     found = _read(file, layout, progress)
     marks = found.marks if is_log(file) else tuple(of_stamps(found.trace.time))
-    return replace(found, notes=(*found.notes, *coarse(found.trace)), marks=marks)
+    return replace(found, notes=(*found.notes, *coarse(largest(found.trace))), marks=marks)
 
 
 def _read(file: Path, layout: Layout | None, progress: Progress) -> Recording:

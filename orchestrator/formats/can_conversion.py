@@ -28,6 +28,7 @@ from orchestrator.can.database.sources import paths
 from orchestrator.can.logs.frame_count import moment
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout
+from orchestrator.formats.recording import coarse, largest
 from orchestrator.progress import Progress, share_of
 from orchestrator.trace import Trace
 
@@ -135,17 +136,19 @@ def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> 
     decoder, units = Decoder(database, can_log.signals(layout), log.channels, can_log.source_of(layout)), survey.units
     merger = Merger(list(units), start=survey.start, name=source.stem, statistics=decoder.statistics)
     known = {name: unit for name, unit in units.items() if unit}
-    begins = LateBegins()
+    begins, reached = LateBegins(), dict[str, float]()
 
     def content(file: BinaryIO) -> None:
+        nonlocal reached
         with STREAMED[target.suffix.lower()](Path(file.name)) as append:
             for piece in _pieces(log, decoder, merger, layout, survey.names):
                 whole = can_log.laid_out(Trace(piece.time, piece.signals, known, piece.name), layout, survey.names)
                 append(whole)
                 begins.feed(whole)
+                reached = largest(whole, reached)
 
     atomic_write(target, content)
-    told = (*can_log.notes(log, database, survey.names, decoder.statistics), *begins.lines())
+    told = (*can_log.notes(log, database, survey.names, decoder.statistics), *begins.lines(), *coarse(reached))
     return ConvertedLog(
         begins.rows, "samples", survey.start, told, {**decoder.statistics.document(), **document_of(log.findings)}
     )

@@ -212,7 +212,10 @@ _SCALES = (
     (3e14, 1e17, np.inf, "us", "microseconds since 1970"),
     (3e17, 1e20, np.inf, "ns", "nanoseconds since 1970"),
 )
-"""Times between two bounds, with a smaller mean step than the third: which unit, and what they look like."""
+"""Times between two bounds, with a smaller mean step than the third: which unit, and what they look like.
+
+Days are told by steps of whole seconds, too.
+"""
 
 
 def _check_scale(stamps: FloatArray, place: Path) -> None:
@@ -223,9 +226,14 @@ def _check_scale(stamps: FloatArray, place: Path) -> None:
         seen = f"its times from {low:.0f} to {high:.0f} look like dates and times of day"
         raise TraceError(place, seen, "write them as 20260102T030405.123")
     for least, most, widest, unit, what in _SCALES:
-        if least < low < high < most and step < widest:
+        if least < low < high < most and (step < widest or (unit == "d" and _is_whole_seconds(step * 86400))):
             seen = f"its times from {low:.12g} to {high:.12g} look like {what}"
             raise TraceError(place, seen, f"say `units: {{time: {unit}}}`, or s")
+
+
+def _is_whole_seconds(step: float) -> bool:
+    """Whether a mean step [s] is one of slow loggers: 1, 2, ... 10 s."""
+    return round(step) in range(1, 11) and bool(np.isclose(step, round(step), rtol=1e-3))
 
 
 def choose(layout: Layout, columns: FileColumns, place: Path) -> ColumnChoice:

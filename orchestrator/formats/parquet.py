@@ -3,7 +3,7 @@ schema's."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -125,13 +125,19 @@ def _recording(file: parquet.ParquetFile, layout: Layout, path: Path) -> Recordi
     rows = file.read(columns=[schema.names[number] for number in choice.wanted])
 
     def column(number: int) -> FloatArray:
-        return numbers(rows[schema.names[number]])
+        return numbers(_column(rows, schema.names, number))
 
     def words(number: int) -> tuple[FloatArray, tuple[str, ...]]:
-        return texts(rows[schema.names[number]])
+        return texts(_column(rows, schema.names, number))
 
-    stamps = _stamps(rows[schema.names[choice.time]], layout, path) if choice.time in stamped else None
+    stamps = _stamps(_column(rows, schema.names, choice.time), layout, path) if choice.time in stamped else None
     return choice.recording(column, _text(schema.metadata, b"name"), stamps, words=words)
+
+
+def _column(rows: pa.Table, names: Sequence[str], number: int) -> pa.ChunkedArray:
+    """A column by its number in the file, whose `names` may be there several times."""
+    same = rows.schema.get_all_field_indices(names[number])
+    return rows.column(same[names[:number].count(names[number])])
 
 
 def _is_numeric(kind: pa.DataType) -> bool:
@@ -142,8 +148,9 @@ def _head(file: parquet.ParquetFile) -> Callable[[int], FloatArray]:
     """The first samples of a column by its number."""
 
     def head(number: int) -> FloatArray:
-        batch = next(file.iter_batches(1000, columns=[file.schema_arrow.names[number]]), None)
-        return np.empty(0) if batch is None else numbers(pa.chunked_array(batch.columns[:1]))
+        names = file.schema_arrow.names
+        batch = next(file.iter_batches(1000, columns=[names[number]]), None)
+        return np.empty(0) if batch is None else numbers(_column(pa.table(batch), names, number))
 
     return head
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,11 +48,15 @@ class Recording:
     marks: tuple[Mark, ...] = ()
 
 
-def coarse(trace: Trace) -> tuple[str, ...]:
-    """A line about signals with whole numbers that doubles do not tell apart."""
-    largest = {name: _largest(values) for name, values in trace.signals.items()}
+def coarse(largest: Mapping[str, float]) -> tuple[str, ...]:
+    """A line about signals with whole numbers that doubles do not tell apart, by what their magnitudes reach."""
     kept = [f"'{name}' to {np.spacing(one):g}" for name, one in largest.items() if _WHOLE <= one <= _LONGEST]
     return (f"whole numbers beyond 2^53 are rounded, as doubles are: {listed(kept)}",) if kept else ()
+
+
+def largest(trace: Trace, before: Mapping[str, float] = MappingProxyType({})) -> dict[str, float]:
+    """What the magnitudes of the signals reach, here and in the pieces before."""
+    return {name: max(before.get(name, 0.0), _largest(values)) for name, values in trace.signals.items()}
 
 
 def _largest(values: FloatArray) -> float:

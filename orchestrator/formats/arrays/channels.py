@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fmus.errors import TraceError
 from orchestrator.formats.headings import names_time
@@ -63,10 +63,22 @@ def recording(path: Path, layout: Layout, channels: Sequence[ArrayChannel], note
         raise TraceError(path, f"claims {count} samples", "name fewer `columns` in the layout, or cut the recording")
     stamps = None
     if channels[choice.time].stamped:
-        instants = np.asarray(channels[choice.time].read()).astype("datetime64[ns]").astype(np.int64)
-        stamps = since_first(instants, "UTC", path)
+        stamps = since_first(_instants(np.asarray(channels[choice.time].read()), path), "UTC", path)
     found = choice.recording(lambda number: channels[number].read(), "", stamps, notes)
     return found if stamps else replace(found, start=channels[choice.time].start)
+
+
+def _instants(stamps: NDArray[np.datetime64], path: Path) -> NDArray[np.int64]:
+    """Nanoseconds since 1970.
+
+    Raises:
+        TraceError: some are missing, or so far away that 64 bits do not hold them.
+    """
+    fine = stamps.astype("datetime64[ns]")
+    lost = np.count_nonzero(fine.astype("datetime64[D]") != stamps.astype("datetime64[D]"))
+    if lost:
+        raise TraceError(path, f"{lost} time stamps are missing, or before 1678 or after 2262", "drop those rows")
+    return fine.astype(np.int64)
 
 
 def _clock(layout: Layout, channels: Sequence[ArrayChannel]) -> ArrayChannel | None:

@@ -6,10 +6,12 @@ Nothing outside of the file is opened: links to other files, external and virtua
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmus.errors import TraceError
 from fmus.words import excerpt
@@ -97,11 +99,22 @@ def _numbers(held: h5py.Dataset, shape: tuple[int, ...], field: str | None = Non
     def read() -> FloatArray:
         if math.prod(shape) > MAX_VALUES:
             raise ValueError(f"it claims {math.prod(shape)} numbers")
-        whole = np.asarray(held[()] if field is None else held[()][field], dtype=float)
+        whole = np.asarray(held[()][field], dtype=float) if field else _unpacked(np.asarray(held[()]), held.attrs)
         return whole.T if whole.shape != shape or held.attrs.get("MATLAB_class") is not None else whole
 
     unit = next((_text(held.attrs[key]) for key in ("unit", "units") if key in held.attrs), "")
     return NumberArray(shape, read, str(held.dtype), unit)
+
+
+def _unpacked(stored: NDArray[Any], told: Mapping[str, Any]) -> FloatArray:
+    """What stored numbers stand for by the conventions of netCDF: scaled, and NaN where there is no value."""
+    values = stored.astype(float)
+    for key in ("_FillValue", "missing_value"):
+        values[np.isin(stored, told.get(key, ()))] = np.nan
+    for key, changed in (("scale_factor", np.multiply), ("add_offset", np.add)):
+        if key in told:
+            values = changed(values, np.ravel(told[key])[0])
+    return values
 
 
 def _elements(fields: dict[str, Node]) -> Structure:

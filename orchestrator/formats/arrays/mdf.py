@@ -121,3 +121,8 @@ def _signals(file: Any, group: int, notes: list[str]) -> Iterator[Any]:
             continue
         if len(signal.samples):
             yield signal
+        missing = np.isnan(signal.samples) if signal.samples.dtype.kind == "f" else np.zeros(1, bool)
+        if channel.conversion is not None and missing.any():
+            raw = file.get(group=group, index=index, raw=True, ignore_invalidation_bits=True).samples
+            if raw.dtype.kind in "biuf" and (texts := np.count_nonzero(missing & np.isfinite(raw))):
+                notes.append(f"channel '{channel.name}': {texts} samples stand for texts, and have no value")

@@ -62,6 +62,8 @@ def _numbers(path: Path, member: str | None, shape: tuple[int, ...], kind: np.dt
 
     if kind.kind == "M":
         return NumberArray(shape, read, str(kind), stamped=True)
+    if kind.kind == "m" and np.datetime_data(kind)[0] not in ("generic", "Y", "M"):
+        return NumberArray(shape, lambda: read() / np.timedelta64(1, "s"), str(kind), "s")
     return (
         NumberArray(shape, lambda: read().astype(float), str(kind)) if kind.kind in "biuf" else Other(shape, str(kind))
     )

@@ -162,6 +162,27 @@ def test_arrays_of_numpy_are_read_and_pickles_never_loaded(tmp_path: Path) -> No
     assert read(tmp_path / "d.npz").start == pandas.Timestamp(BEGIN, tz="UTC").timestamp()
 
 
+def test_stamps_of_numpy_that_are_missing_are_refused_and_durations_are_times(tmp_path: Path) -> None:
+    instants = np.datetime64(BEGIN, "us") + (TIME * 1e6).astype("m8[us]")
+    for lost in (np.datetime64("NaT"), np.datetime64("0001-01-01")):
+        np.savez(tmp_path / "x.npz", time=np.append(instants[:-1], lost), n=SPEED)
+        with pytest.raises(TraceError, match="1 time stamps are missing, or before 1678"):
+            read(tmp_path / "x.npz")
+    np.savez(tmp_path / "x.npz", time=np.round(TIME * 1e6).astype("m8[us]"), n=SPEED)
+    assert read(tmp_path / "x.npz").trace == Trace(TIME, {"n": SPEED}, name="x")
+
+
+@pytest.mark.needs("formats")
+def test_packed_numbers_of_hdf5_are_what_they_stand_for(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["time"], file["packed"] = TIME, np.arange(20, dtype="i2")
+        file["packed"].attrs.update({"scale_factor": 0.5, "add_offset": [-10.0], "_FillValue": np.int16(3)})
+    packed = read(tmp_path / "x.h5").trace["packed"]
+    assert np.array_equal(packed, np.where(np.arange(20) == 3, np.nan, np.arange(20) / 2 - 10), equal_nan=True)
+
+
 def test_an_array_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
         head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
@@ -320,6 +341,21 @@ def test_measurements_in_mdf_files_are_read_at_their_first_stamps(tmp_path: Path
     path.write_bytes(path.read_bytes()[:900])
     with pytest.raises(TraceError, match=r"is damaged: asammdf cannot read it|holds no measured channels"):
         read(path)
+
+
+@pytest.mark.slow
+@pytest.mark.needs("mf4")
+def test_numbers_of_an_mdf_that_stand_for_texts_are_told(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    half = {"a": 2.0, "b": 0.0, "conversion_type": 1}
+    texts = {"lower_0": 0, "upper_0": 4, "text_0": b"starting", "default_addr": half}
+    with MDF(version="4.10") as file:
+        file.append([Signal(np.arange(20, dtype="u1"), TIME, name="state", conversion=texts)])
+        path = Path(file.save(tmp_path / "x.mf4"))
+    recording = read(path)
+    assert np.array_equal(recording.trace["state"], [*[np.nan] * 5, *range(10, 40, 2)], equal_nan=True)
+    assert recording.notes == ("channel 'state': 5 samples stand for texts, and have no value",)
 
 
 @pytest.mark.slow

@@ -43,7 +43,8 @@ def speed(value: float) -> str:
 def read(path: Path, **layout: Any) -> Recording:
     """The recording, once it is seen that converting gives the same."""
     found = formats.read(path, Layout(**layout))
-    can_conversion.convert(path, path.with_suffix(".parquet"), Layout(**layout), silent)
+    done = can_conversion.convert(path, path.with_suffix(".parquet"), Layout(**layout), silent)
+    assert done.notes == found.notes
     again = formats.read(path.with_suffix(".parquet")).trace
     assert again.names == found.trace.names
     for name in again.names:
@@ -69,6 +70,14 @@ def test_a_message_that_comes_late_leaves_the_rows_before_empty_and_is_told(tmp_
     assert len(found.trace) == 101 and found.trace["speed"].max() == pytest.approx(99)
     assert np.flatnonzero(np.isfinite(found.trace["fault"]))[0] == 60
     assert found.notes == ("fault is first seen at 0.595 s: it is empty in the 60 of 101 rows before",)
+
+
+def test_whole_numbers_that_doubles_do_not_hold_are_told_of_logs_too(tmp_path: Path) -> None:
+    counter = message("Rig", 291, "count").replace("|16@1- (0.1,0)", "|64@1+ (1,0)")
+    path = log(tmp_path, "0 can0 123#FFFFFFFFFFFFFF0F", "10 can0 123#0100000000000000")
+    assert read(path, database=dbc(tmp_path, "a", counter)).notes[-1] == (
+        "whole numbers beyond 2^53 are rounded, as doubles are: 'count' to 256"
+    )
 
 
 def test_samples_that_are_missing_are_empty_cells(tmp_path: Path) -> None:

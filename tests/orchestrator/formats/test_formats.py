@@ -359,6 +359,14 @@ def test_whole_numbers_that_doubles_do_not_hold_are_noted(suffix: str, tmp_path:
     assert recording.notes[-1] == "whole numbers beyond 2^53 are rounded, as doubles are: 'id' to 256"
 
 
+def test_columns_of_one_name_are_all_read(tmp_path: Path) -> None:
+    columns = [pa.array([0.0, 0.1]), pa.array([1, 2]), pa.array([3.5, 4.5])]
+    parquet.write_table(pa.Table.from_arrays(columns, names=["time", "n", "n"]), tmp_path / "twins.parquet")
+    recording = read(tmp_path / "twins.parquet")
+    assert {name: recording.trace[name].tolist() for name in recording.trace.names} == {"n": [1, 2], "n_2": [3.5, 4.5]}
+    assert recording.notes == ("column 2, 'n', is called 'n_2'",)
+
+
 def test_infinite_and_huge_doubles_are_no_whole_numbers(tmp_path: Path) -> None:
     signals = {"far": np.array([np.inf, 1.0]), "huge": np.array([1e300, 0.0]), "none": np.array([np.nan, np.nan])}
     write(Trace(np.array([0.0, 1.0]), signals), tmp_path / "far.parquet")

@@ -157,6 +157,7 @@ ASKED = [
     ("time,a\n03/04/26 1:00,1\n03/14/26 1:01,2\n", {}, "two ways; say `dates`", {"dates": "mdy"}, [1, 2]),
     ("a,b\n0,1\n1,2\n2,3\n", {}, "no column 'time'; it holds 'a', 'b'; say which", {"time": "b"}, None),
     ("time,a\n46354.1,1\n46354.10000001,2\n", {}, "look like days since 1900", {"units": {"time": "d"}}, [1, 2]),
+    ("time,a\n46354.1,1\n46354.1000115741,2\n", {}, "look like days since 1900", {"units": {"time": "d"}}, [1, 2]),
     ("time,a\n1764321300123,1\n1764321300124,2\n", {}, "look like millis", {"units": {"time": "ms"}}, [1, 2]),
     ("time,a\n1764321300123000,1\n1764321300124000,2\n", {}, "look like micro", {"units": {"time": "us"}}, [1, 2]),
     ("time,a\n1764321300123000000,1\n1764321300124000000,2\n", {}, "like nano", {"units": {"time": "ns"}}, [1, 2]),

@@ -169,6 +169,7 @@ class DecodedObjects(NamedTuple):
         skipped: how many objects are no CAN frames.
         short: positions of those that are too short for a frame.
         astray: frames whose channel is 0 or above 256, which count as channel 0.
+        filled: frames that hold fewer data bytes than they say, and 0 for the others.
         unknown: version of an object's header that is not known -> positions of the frames that have it.
     """
 
@@ -176,6 +177,7 @@ class DecodedObjects(NamedTuple):
     skipped: int
     short: Positions
     astray: int
+    filled: int
     unknown: dict[int, Positions]
 
 
@@ -199,8 +201,8 @@ def decoded(octets: Bytes, starts: Positions, dated: Dated) -> DecodedObjects:
     lost = starts[short]
     if len(lost):
         starts, heads, bodies = starts[~short], heads[~short], bodies[~short]
-    frames, astray = _frames(Objects(octets, starts, heads, bodies), dated)
-    return DecodedObjects(frames, skipped, lost, astray, unknown)
+    frames, astray, filled = _frames(Objects(octets, starts, heads, bodies), dated)
+    return DecodedObjects(frames, skipped, lost, astray, filled, unknown)
 
 
 class Objects(NamedTuple):
@@ -217,13 +219,17 @@ class Objects(NamedTuple):
 
 
 class FrameColumns(NamedTuple):
-    """Columns of frames without their stamps; a channel counts from 1, `data` may go on beyond a frame's length."""
+    """Columns of frames without their stamps; a channel counts from 1, `data` may go on beyond a frame's length.
+
+    `filled` counts those whose object ends before their data do.
+    """
 
     id: NDArray[np.uint32]
     flags: NDArray[Any]
     channel: NDArray[Any]
     length: NDArray[Any]
     data: Bytes
+    filled: int = 0
 
 
 def _signatures(octets: Bytes) -> Positions:
@@ -262,7 +268,7 @@ def _least(types: NDArray[Any]) -> NDArray[np.int64]:
     return np.asarray(least[types])
 
 
-def _frames(objects: Objects, dated: Dated) -> tuple[Frames, int]:
+def _frames(objects: Objects, dated: Dated) -> tuple[Frames, int, int]:
     count = len(objects.starts)
     told = gather(objects.octets, objects.starts + HEADER.itemsize, STAMP)
     time = dated(told["time"] / np.where(told["flags"] == TEN_MICROSECONDS, 1e5, 1e9))
@@ -288,7 +294,7 @@ def _frames(objects: Objects, dated: Dated) -> tuple[Frames, int]:
         width = min(part.data.shape[1], found.data.shape[1])
         bytes_there = np.where(part.flags & Flag.REMOTE, 0, part.length)
         found.data[rows, :width] = part.data[:, :width] * (np.arange(width) < bytes_there[:, None])
-    return found, astray
+    return found, astray, sum(part.filled for _, part in parts)
 
 
 def _message(objects: Objects) -> FrameColumns:
@@ -343,24 +349,25 @@ def _fd_64(objects: Objects) -> FrameColumns:
     )
     valid = np.minimum(raw["valid"], LONGEST)
     behind = np.where(raw["more"], raw["more"], objects.heads["size"]).astype(np.int64)
-    valid, data = _following(objects, FD_64, behind, valid)
+    data, filled = _following(objects, FD_64, behind, np.where(flags & Flag.REMOTE, 0, valid))
     length = np.where(flags & Flag.REMOTE, LENGTHS[np.minimum(raw["dlc"], 15)], valid)
-    return FrameColumns(raw["id"], flags, raw["channel"], length, data)
+    return FrameColumns(raw["id"], flags, raw["channel"], length, data, filled)
 
 
 def _fd_error_64(objects: Objects) -> FrameColumns:
     raw = gather(objects.octets, objects.bodies, FD_ERROR_64)
     flags = np.full(len(raw), Flag.ERROR, np.uint8)
     behind = np.where(raw["more"], raw["more"], objects.heads["size"]).astype(np.int64)
-    length, data = _following(objects, FD_ERROR_64, behind, np.minimum(raw["valid"], LONGEST))
+    length = np.minimum(raw["valid"], LONGEST)
+    data, _ = _following(objects, FD_ERROR_64, behind, length)
     return FrameColumns(raw["id"], flags, raw["channel"], length, data)
 
 
-def _following(objects: Objects, kind: np.dtype[Any], behind: Positions, valid: Bytes) -> tuple[Bytes, Bytes]:
-    """Lengths and data of what follows the records of a kind, as far as an object goes."""
+def _following(objects: Objects, kind: np.dtype[Any], behind: Positions, valid: Bytes) -> tuple[Bytes, int]:
+    """Data of what follows the records of a kind, as far as an object goes, and how many objects end before."""
     there = np.clip(behind - (objects.bodies - objects.starts) - kind.itemsize, 0, valid)
     data = gather(objects.octets, objects.bodies + kind.itemsize, np.dtype([("data", "u1", LONGEST)]))["data"]
-    return valid, data * (np.arange(LONGEST) < there[:, None])
+    return data * (np.arange(LONGEST) < there[:, None]), int(np.count_nonzero(there < valid))
 
 
 def _where(bits: NDArray[Any], flag: Flag) -> Bytes:

@@ -89,12 +89,14 @@ class ObjectStream:
             if first or not self._after_damage:  # what follows damage is the rest of an object that was in it
                 self.findings.add(place(first), f"{behind - first} bytes of this container's content are no objects")
         self._after_damage = False
-        taken, skipped, short, astray, unknown = decoded(
+        taken, skipped, short, astray, filled, unknown = decoded(
             octets, found.starts, partial(self.findings.dated, self.origin)
         )
         self.findings.skipped += skipped
         if astray:
             self.findings.note("frames name channel 0 or one above 256, and count as channel 0 like those of the first")
+        if filled:
+            self.findings.note("frames hold fewer data bytes than they say, and 0 for the others")
         for position in short.tolist():
             self.findings.add(place(position), "a frame of this container is too short for its kind")
         for version, positions in unknown.items():

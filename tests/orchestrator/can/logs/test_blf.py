@@ -154,9 +154,11 @@ def test_all_objects_of_frames_and_both_units_of_time_are_read(tmp_path: Path) -
         an_object(1, classic(0x77, b"", flags=0x80), 5),
     ]
     path = file_of(tmp_path / "a.blf", container(b"".join(objects)))
-    frames = all_of(logs.read(path))
+    log = logs.read(path)
+    frames = all_of(log)
     assert same(frames, theirs(path))
     assert frames.length.tolist() == [8, 3, 12, 64, 12, 2, 0]
+    assert "frames hold fewer data bytes than they say, and 0 for the others" in log.findings.notes
     assert (frames.time[:2] - START).tolist() == pytest.approx([1.5, 1.50001], abs=1e-6)
     assert frames.flags[3] == Flag.FD | Flag.BITRATE_SWITCH | Flag.SENT
 
