@@ -42,12 +42,16 @@ class Related:
     algorithm: str = "SHA3-256"
 
 
-def manifest(files: Sequence[Related], contents: Mapping[str, bytes]) -> bytes:
-    """The manifest of these files, each with the digest of its contents, which go by their sources."""
-    root = ET.Element("fmiReferences", _HEAD)
-    for one in files:
+def manifest(files: Sequence[Related], contents: Mapping[str, bytes], before: bytes | None = None) -> bytes:
+    """The manifest of these files, each with the digest of its contents, which go by their sources; what it named
+    `before` of others it still names."""
+    root = ET.Element("fmiReferences", _HEAD) if before is None else ET.fromstring(before)
+    for place, one in enumerate(files):
+        for replaced in root.findall(f"Related[@source='{one.source}']"):
+            root.remove(replaced)
         entry = {"type": one.type, "source": one.source, "role": one.role, "description": one.description}
-        ET.SubElement(root, "Related", entry | {"checksum": hashlib.sha3_256(contents[one.source]).hexdigest()})
+        entry["checksum"] = hashlib.sha3_256(contents[one.source]).hexdigest()
+        root.insert(place, ET.Element("Related", entry))
     return document(root)
 
 

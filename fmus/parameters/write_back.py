@@ -76,7 +76,9 @@ def write_back(
     files["modelDescription.xml"] = etree.tostring(root, encoding="UTF-8", xml_declaration=True, pretty_print=True)
     old = _defaults(source, files[defaults.RESOURCE])
     files[defaults.RESOURCE] = defaults.dump(old | {name: start.value for name, start in starts.items()}).encode()
-    files[related.MANIFEST] = related.manifest([_CALIBRATED], {_CALIBRATED.source: parameters})
+    related.related(str(source), files)  # of which the manifest has to be XML
+    named = files.get(related.MANIFEST)
+    files[related.MANIFEST] = related.manifest([_CALIBRATED], {_CALIBRATED.source: parameters}, named)
     files[f"{REFERENCES}/{_CALIBRATED.source}"] = parameters
     files[PROVENANCE] = json_text(origin).encode()
     archive.write(target, files)

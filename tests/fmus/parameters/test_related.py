@@ -95,6 +95,19 @@ def test_files_that_others_name_are_found_where_they_are() -> None:
     ]
 
 
+def test_what_others_have_named_in_an_fmu_of_ours_stays_named(fmu: Build, tmp_path: Path) -> None:
+    path = tmp_path / "named.fmu"
+    archive.write(path, {**archive.read(fmu("pendulum")), MANIFEST: FOREIGN})
+    for inertia in (0.004, 0.005):
+        write_back(path, {"inertia": inertia}, path)
+    written = archive.read(path)
+    assert [one.source for one in related("", written)] == [
+        "calibrated.ssv",
+        *(one.source for one in related("", {MANIFEST: FOREIGN})),
+    ]
+    assert state(related("", written)[0], written) == "unchanged"
+
+
 def test_a_source_that_leaves_the_fmu_finds_nothing_outside() -> None:
     one = Related("../../../../etc/passwd", "text/plain", "other")
     assert state(one, {"modelDescription.xml": b""}) == "missing"
