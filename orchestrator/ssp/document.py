@@ -215,7 +215,7 @@ class _Importing:
         if not port.settable:
             self.notes.append(f"{name} is given a value and cannot be set; it keeps its own")
         elif outermost and port.causality == "input" and port.numeric and not isinstance(value, list):
-            self.stimuli[name] = {"constant": float(value)}
+            self.stimuli[name] = {"constant": float(port.typed(name, value))}
         else:
             self.parameters[node[0]][node[1]] = value
 
@@ -242,8 +242,11 @@ class _Importing:
         found: dict[str, None] = {}
         for name in outputs:
             origin, hops = self.flat.way(((), name))
-            if origin[0] in self.fmus and self._port(origin, hops[0].place).numeric:
+            if origin[0] in self.fmus and self._port(origin, hops[0].place).recordable:
                 found[self._name(origin)] = None
+            elif origin[0] not in self.fmus:
+                what = f"has the value of {_dotted(origin)}, which no FMU computes" if hops else "has no source"
+                self.notes.append(f"{name} {what}; it is not recorded")
         return list(found)
 
     def _run(self) -> dict[str, str]:
@@ -254,15 +257,21 @@ class _Importing:
         begin, end = (_seconds(self.path, text) for text in (start or "0", stop))
         first = {"start": start} if start is not None and begin else {}
         step = self.description.step
-        own = [one.description.defaultExperiment for one in self.fmus.values()]
-        steps = {float(one.stepSize): one.stepSize for one in own if one is not None and one.stepSize}
+        own = [_own_step(one) for one in self.fmus.values()]
+        steps = {float(one): one for one in own if one}
         if step is None and steps:
-            step = str(steps[min(steps)])
+            step = steps[min(steps)]
             self.notes.append(f"no communication step is said; {step} s is the least that its FMUs say")
         elif step is None:
             step = repr((end - begin) / STEPS)
             self.notes.append(f"no communication step is said; {step} s is a {STEPS}th of the run")
         return {**first, "stop": stop, "step": step}
+
+
+def _own_step(fmu: FmuDescription) -> str:
+    """The step that an FMU asks for [s]: of its default experiment, or the one that it takes inside; "" without."""
+    experiment, fixed = fmu.description.defaultExperiment, fmu.interface.fixed_step
+    return str((experiment.stepSize if experiment else None) or (repr(fixed) if fixed else ""))
 
 
 def _dotted(node: Node) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -48,6 +49,7 @@ class _Writing:
         self.outline, self.tool = outline, tool
         self.links = [*outline.system.connections, *outline.system.settled]
         self.ends = {end for link in self.links for end in (link.source, link.target)}
+        self.outer = _outer_names([*outline.driven, *outline.recorded])
         self.units: dict[str, NamedUnit] = {}
         self.enumerations: dict[str, Mapping[str, int]] = {}
         self.notes: list[str] = []
@@ -80,11 +82,11 @@ class _Writing:
         if inputs or outputs:
             connectors = ET.SubElement(system, f"{SSD}Connectors")
             for name in (*inputs, *outputs):
-                outer = ConnectorVariable(_outer(name), self._port(name))
+                outer = ConnectorVariable(self.outer[name], self._port(name))
                 self._add_connector(connectors, outer, "input" if name in inputs else "output")
-        constants = {_outer(name): value for name, value in inputs.items() if value is not None}
+        constants = {self.outer[name]: value for name, value in inputs.items() if value is not None}
         self._add_values(
-            system, "", constants, {_outer(name): replace(self._port(name), array=None) for name in inputs}
+            system, "", constants, {self.outer[name]: replace(self._port(name), array=None) for name in inputs}
         )
         elements = ET.SubElement(system, f"{SSD}Elements")
         for name in self.outline.files:
@@ -92,8 +94,8 @@ class _Writing:
         links = [self._connection(link) for link in self._joined()]
         links += [self._link(link.source, link.target) for link in self.outline.system.clocks]
         links += [self._link(link.source, link.target) for link in self.outline.system.texts]
-        links += [self._link(Endpoint("", _outer(name)), Endpoint.parse(name)) for name in inputs]
-        links += [self._link(Endpoint.parse(name), Endpoint("", _outer(name))) for name in outputs]
+        links += [self._link(Endpoint("", self.outer[name]), Endpoint.parse(name)) for name in inputs]
+        links += [self._link(Endpoint.parse(name), Endpoint("", self.outer[name])) for name in outputs]
         if links:
             ET.SubElement(system, f"{SSD}Connections").extend(links)
         self._tell_driven()
@@ -330,9 +332,14 @@ def _annotation(parent: ET.Element, kind: str, tag: str) -> ET.Element:
     return ET.SubElement(ET.SubElement(annotations, f"{SSC}Annotation", {"type": kind}), tag)
 
 
-def _outer(name: str) -> str:
-    """Name of the connector of the system for a component's variable."""
-    return name.replace(".", "_", 1)
+def _outer_names(names: Iterable[str]) -> dict[str, str]:
+    """component.variable -> name of its connector of the system; with a number where two would have one."""
+    found: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        plain = name.replace(".", "_", 1)
+        numbered = (f"{plain}_{number}" for number in itertools.count(2))
+        found[name] = next(one for one in itertools.chain([plain], numbered) if one not in found.values())
+    return found
 
 
 def _by_name(ports: Mapping[str, Port]) -> dict[str, Port]:

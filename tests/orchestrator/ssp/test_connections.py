@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from fmus.errors import WiringError
+from orchestrator.scenario.exchange import export
 from orchestrator.scenario.run import run_scenario
+from orchestrator.ssp.checking import check
 from orchestrator.ssp.document import imported
 from tests.support.simulation.ssps import (
     archive,
@@ -21,6 +23,7 @@ from tests.support.simulation.ssps import (
     system,
     values,
 )
+from tests.support.tools.third_party import reference
 
 LINEAR = '<ssc:LinearTransformation factor="3" offset="0.5"/>'
 
@@ -110,3 +113,70 @@ def test_another_system_in_the_archive_is_told(tmp_path: Path) -> None:
     files = {"resources/gain.fmu": gain(), "Winter.ssd": system([component("a")])}
     found = imported(archive(tmp_path / "two.ssp", system([component("a")]), files))
     assert "Winter.ssd is another system, which is not used" in found.notes
+
+
+def feedthrough(path: Path, kind: str, value: str) -> Path:
+    """An SSP of the Reference FMU with a value for a connector of the system that leads to its input of a type."""
+    typed = {
+        name: f"<ssc:{kind}{' name=' + chr(34) + 'e' + chr(34) if kind == 'Enumeration' else ''}/>" for name in "uy"
+    }
+    kinds = {"u": "input", "y": "output"}
+    outer = "".join(f'<ssd:Connector name="{n}" kind="{kinds[n]}">{one}</ssd:Connector>' for n, one in typed.items())
+    part = '<ssd:Component name="a" source="resources/gain.fmu"/>'
+    links = [connection("u", f"a.{kind}_input"), connection(f"a.{kind}_output", "y")]
+    given = f"<ssd:Connectors>{outer}</ssd:Connectors>{bindings(values({'u': value}))}"
+    return archive(path, system([part], links, before=given), {"resources/gain.fmu": reference(3, "Feedthrough")})
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "number"),
+    [
+        ("Enumeration", '<ssv:Enumeration value="Option 2"/>', 2.0),
+        ("Boolean", '<ssv:Boolean value="true"/>', 1.0),
+        ("Int32", '<ssv:Integer value="-3"/>', -3.0),
+    ],
+)
+def test_what_comes_in_from_outside_may_be_of_any_type(tmp_path: Path, kind: str, value: str, number: float) -> None:
+    path = feedthrough(tmp_path / "x.ssp", kind, value)
+    assert imported(path).document["stimuli"] == {f"a.{kind}_input": {"constant": number}}
+    result = run_scenario(path).cases[0].result
+    assert result is not None and result.trace[f"a.{kind}_output"][-1] == number
+
+
+def test_a_text_that_goes_out_is_recorded(tmp_path: Path) -> None:
+    path = feedthrough(tmp_path / "x.ssp", "String", '<ssv:String value="gr\u00fcn"/>')
+    result = run_scenario(path).cases[0].result
+    assert result is not None and result.trace.texts["a.String_output"][0] == "gr\u00fcn"
+
+
+def test_where_nothing_tells_a_step_it_is_one_that_the_fmus_can_take(tmp_path: Path) -> None:
+    found = imported(feedthrough(tmp_path / "x.ssp", "Boolean", '<ssv:Boolean value="true"/>'))
+    assert found.document["run"]["step"] == "0.1"
+    assert "no communication step is said; 0.1 s is the least that its FMUs say" in found.notes
+
+
+def test_an_output_of_the_system_that_no_fmu_computes_is_told(tmp_path: Path) -> None:
+    given = connectors(u="input", y="output", z="output") + bindings(values({"u": real(3)}))
+    path = archive(
+        tmp_path / "x.ssp", system([component("a")], [connection("u", "y"), connection("u", "a.u")], before=given)
+    )
+    said = imported(path).notes
+    assert "y has the value of u, which no FMU computes; it is not recorded" in said
+    assert "z has no source; it is not recorded" in said
+
+
+def test_connectors_of_the_system_have_names_of_their_own(tmp_path: Path) -> None:
+    Path(tmp_path, "twin.py").write_text(
+        "from . import Model, input_, output\n"
+        'ends = (input_("u", "1", "In", start=1.0), input_("b_u", "1", "In", start=1.0))\n'
+        'MODEL = Model(name="twin", description="Two", variables=(*ends, output("y", "1", "Out")),\n'
+        '              outputs=lambda t, x, u, p: {"y": u.u + 10 * u.b_u})\n'
+    )
+    Path(tmp_path, "twins.yaml").write_text(
+        "title: twins\ncomponents: {a: {model: twin.py}, a_b: {model: twin.py}}\n"
+        "stimuli: {a.b_u: {constant: 2}, a_b.u: {constant: 5}}\nrun: {stop: 1, step: 0.1}\nrecord: [a.y, a_b.y]\n"
+    )
+    export(tmp_path / "twins.yaml", tmp_path / "twins.ssp")
+    assert not check(tmp_path / "twins.ssp").problems
+    result = run_scenario(tmp_path / "twins.ssp").cases[0].result
+    assert result is not None and (result.trace["a.y"][-1], result.trace["a_b.y"][-1]) == (21.0, 15.0)
