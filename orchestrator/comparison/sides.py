@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from itertools import count
 from pathlib import Path
 
@@ -92,7 +91,7 @@ def _stepped(engine: Engine) -> Callable[[Scenario, Path], Scenario]:
 
 
 def _halved(scenario: Scenario, folder: Path) -> Scenario:
-    return replace(scenario, timing=replace(scenario.timing, step=scenario.timing.step * Fraction(1, 2)))
+    return replace(scenario, timing=scenario.timing.finer(2))
 
 
 WAYS: dict[str, Callable[[Scenario, Path], Scenario]] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from fractions import Fraction
 
 import numpy as np
 
@@ -90,9 +89,8 @@ def step_errors(
 
 def _shorter(scenario: Scenario, parts: int) -> Scenario:
     """With so many steps in the place of one, all of them recorded, and nothing expected."""
-    timing = replace(scenario.timing, step=scenario.timing.step / Fraction(parts))
     cases = tuple(replace(case, expected=()) for case in scenario.cases)
-    return replace(scenario, timing=timing, cases=cases, logger=None)
+    return replace(scenario, timing=scenario.timing.finer(parts), cases=cases, logger=None)
 
 
 def _errors(case: str, whole: Trace, half: Trace, quarter: Trace) -> list[StepCost]:

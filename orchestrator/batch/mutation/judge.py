@@ -138,8 +138,7 @@ class _Probed:
     def _with_half_the_step(self, number: int) -> Trace | None:
         """The case as it is but for its step, None where it cannot be run so."""
         if number not in self._halved:
-            timing = self._shown.timing
-            finer = replace(self._shown, timing=replace(timing, step=timing.step * Fraction(1, 2)))
+            finer = replace(self._shown, timing=self._shown.timing.finer(2))
             (made,) = self._run(finer, number, [{}])
             self._halved[number] = None if made.result is None else made.trace
         return self._halved[number]

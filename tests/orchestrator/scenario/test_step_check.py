@@ -52,6 +52,39 @@ def test_the_error_is_that_of_the_run_and_falls_as_the_step_does_where_values_ar
     assert not found.unsettled
 
 
+SPRUNG = """
+title: sprung
+components: {mass: {model: mass.py}, spring: {model: spring.py, feed_through: none}}
+connections: [mass.speed -> spring.speed, spring.force -> mass.force]
+run: {stop: 2, step: {tolerance: 1e-4, least: 1e-4, most: 0.02}, order: iterated}
+record: [mass.place]
+"""
+MASS = """
+from . import Model, State, input_, output
+MODEL = Model(name="mass", description="1 kg", solver_step=lambda p: 0.001, variables=(input_("force", "N", "On it"),
+    output("speed", "m/s", "Its speed"), output("place", "m", "Where it is")),
+    states=(State("place", unit="m"), State("speed", unit="m/s")),
+    derivatives=lambda t, x, u, p: {"place": x.speed, "speed": u.force})
+"""
+SPRING = """
+from . import Model, State, input_, output
+MODEL = Model(name="spring", description="100 N/m", solver_step=lambda p: 0.001,
+    variables=(input_("speed", "m/s", "Of its end"), output("force", "N", "That it pulls with")),
+    states=(State("stretch", 0.1, unit="m"),), derivatives=lambda t, x, u, p: {"stretch": u.speed},
+    outputs=lambda t, x, u, p: {"force": -100 * x.stretch})
+"""
+
+
+def test_where_a_tolerance_chooses_the_steps_the_error_is_that_of_the_run_too(tmp_path: Path) -> None:
+    (tmp_path / "mass.py").write_text(MASS)
+    (tmp_path / "spring.py").write_text(SPRING)
+    whole = scenario(tmp_path, SPRUNG)
+    found, trace = errors(whole)["mass.place"], run(whole).cases[0].trace
+    truth = np.abs(trace["mass.place"] - 0.1 * (np.cos(10 * trace.time) - 1)).max()
+    assert found.error == pytest.approx(truth, rel=0.05) and truth > 1e-4
+    assert found.order == pytest.approx(2.0, abs=0.1)
+
+
 def test_nothing_is_said_of_the_order_of_what_steps_do_not_change(tmp_path: Path) -> None:
     assert {(error.difference, error.order) for error in errors(scenario(tmp_path, ALONE)).values()} == {(0.0, None)}
 

@@ -117,11 +117,9 @@ def test_another_system_in_the_archive_is_told(tmp_path: Path) -> None:
 
 def feedthrough(path: Path, kind: str, value: str) -> Path:
     """An SSP of the Reference FMU with a value for a connector of the system that leads to its input of a type."""
-    typed = {
-        name: f"<ssc:{kind}{' name=' + chr(34) + 'e' + chr(34) if kind == 'Enumeration' else ''}/>" for name in "uy"
-    }
+    typed = '<ssc:Enumeration name="e"/>' if kind == "Enumeration" else f"<ssc:{kind}/>"
     kinds = {"u": "input", "y": "output"}
-    outer = "".join(f'<ssd:Connector name="{n}" kind="{kinds[n]}">{one}</ssd:Connector>' for n, one in typed.items())
+    outer = "".join(f'<ssd:Connector name="{name}" kind="{of}">{typed}</ssd:Connector>' for name, of in kinds.items())
     part = '<ssd:Component name="a" source="resources/gain.fmu"/>'
     links = [connection("u", f"a.{kind}_input"), connection(f"a.{kind}_output", "y")]
     given = f"<ssd:Connectors>{outer}</ssd:Connectors>{bindings(values({'u': value}))}"
