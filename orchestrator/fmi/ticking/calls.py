@@ -6,8 +6,11 @@ import ctypes
 from collections.abc import Callable, Collection, Sequence
 
 from orchestrator.fmi.clocks.declared import Clock
-from orchestrator.fmi.functions.base import FAILED, FmiFunctions
+from orchestrator.fmi.functions.base import FATAL, FmiFunctions
+from orchestrator.fmi.said import LOG
+from orchestrator.fmi.status import returned
 
+OK, WARNING = 0, 1  # statuses
 CHANGED = 2  # qualifier of an interval that is new
 Require = Callable[[int, str], None]
 
@@ -48,11 +51,18 @@ class ClockCalls:
         return frozenset(clock.name for clock, on in zip(self._outputs, self._active, strict=True) if on)
 
     def shifts(self, references: Sequence[int]) -> list[float]:
-        """The shifts of these clocks [s], in initialisation mode; none of an FMU that does not tell them."""
+        """The shifts of these clocks [s], in initialisation mode; none of an FMU that refuses to tell them, which is
+        said."""
         count = len(references)
         listed, found = (ctypes.c_uint * count)(*references), (ctypes.c_double * count)()
         status = self._fmi.call("GetShiftDecimal", listed, ctypes.c_size_t(count), found)
-        return [] if status >= FAILED else list(found)
+        if status in (OK, WARNING, FATAL):
+            self._require(status, "tell the shifts of its clocks")
+            return list(found)
+        clocks = ", ".join(f"'{self._names[reference]}'" for reference in references)
+        refused = f"fmi3GetShiftDecimal {returned(status)}, so the shift of its clocks {clocks} is taken as 0 s"
+        LOG.warning("%s: %s", self._fmi.fmu.instanceName, refused)
+        return []
 
     def shown(self, status: int) -> None:
         """Take note of how it went to get which output clocks tick."""

@@ -13,6 +13,7 @@ enum { U = 20, W, DIVISOR, DELAY, GROWTH, ALARM_AT, EVENT_AT, PERIOD, TROUBLE, V
 enum { SAMPLED = 40, HEARD, SEEN, LAST_TIME, GAUGE, KEPT, OUTPUTS_END };
 enum { COUNTS = 60 }; /* Int32: how often the clock of COUNTS + reference ticked; COUNTS: events */
 enum { NONE, UPDATE_FAILS, ENDS, ENDLESS, TICK_FAILS, STEP_FAILS, WARNS, STUCK, CROWDED, STOPS, ENTER_FAILS, LEAVE_FAILS };
+enum { UNTOLD = -2 }; /* a shift that it refuses to tell */
 enum { INSTANTIATED = 1, INITIALISATION = 2, EVENT = 4, STEP = 8 };
 
 typedef struct {
@@ -195,6 +196,8 @@ FMI3_Export fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueRefere
 {
     Instance *it = c;
     REQUIRE(it->now.mode == INITIALISATION);
+    if (it->now.real[SHIFT] == UNTOLD)
+        return fmi3Error;
     for (size_t i = 0; i < n; i++) {
         REQUIRE(r[i] == FIXED || r[i] == TUNE);
         shifts[i] = it->now.real[SHIFT];

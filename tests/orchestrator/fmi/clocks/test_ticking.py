@@ -91,6 +91,17 @@ def test_a_clock_whose_interval_is_not_declared_has_the_shift_that_the_fmu_tells
 
 
 @KINDS
+def test_an_fmu_that_refuses_to_tell_shifts_is_told_of(
+    build: Build, interfaces: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    found = run({"a": build("fixed", interfaces=interfaces)}, values={"a.period": 0.3, "a.shift": -2.0})
+    assert found["a.n_fixed"].tolist() == [0, 1, 2, 3, 4]
+    assert [record.getMessage() for record in caplog.records if "Shift" in record.getMessage()] == [
+        "a: fmi3GetShiftDecimal returned error, so the shift of its clocks 'fixed' is taken as 0 s"
+    ]
+
+
+@KINDS
 def test_a_connected_clock_ticks_with_the_values_of_its_tick(build: Build, interfaces: str) -> None:
     parts = {
         "a": build("tick", "out", interfaces=interfaces),
