@@ -23,11 +23,11 @@ from identification.estimation.arrow_least_squares import Loss, WindowBlock
 from identification.estimation.noise import Coloured, coloured
 from identification.estimation.uncertainty import basis, without
 from identification.estimation.workers import LocalPool
-from identification.output_error.calibration import ports_of
 from identification.output_error.free_runs.simulator import FreeRuns
 from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.search.free_run import FreeRun, Tally
 from identification.output_error.search.problem import Problem
+from identification.output_error.study_checks import ports_of
 from identification.output_error.times.spans import at_most
 from identification.output_error.windows import counted, cut_windows, initial_states
 from identification.recordings.campaign import StudyTrace

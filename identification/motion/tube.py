@@ -11,8 +11,9 @@ from fmus.errors import ScenarioError
 from identification.estimation.parameters import ParameterSet
 from identification.motion.motion import Motion
 from identification.motion.study import MotionStudy, TubeSpec
-from identification.output_error.calibration import Judged, judge, ports_of
+from identification.output_error.calibration import Judged, judge
 from identification.output_error.study import FreeRunSpec, OutputErrorStudy, StartSpec, TraceSignal, WindowSpec
+from identification.output_error.study_checks import ports_of
 from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator.assembly.assembly import Assembled, OpenSystem

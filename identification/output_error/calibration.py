@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from fmus.errors import FmuError, WiringError
-from fmus.words import with_article
+from fmus.errors import FmuError
 from identification.built_system import BuiltSystem
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import Parameter, ParameterSet
@@ -26,24 +25,20 @@ from identification.output_error.search.options import SearchOptions, Watch
 from identification.output_error.search.problem import Problem
 from identification.output_error.shooting.shooting import shoot
 from identification.output_error.shooting.shots import Shots, cut
-from identification.output_error.shooting.states import SettableState, states
-from identification.output_error.start_values import UnreadStart, resting_inputs, start_warnings, unread_starts
+from identification.output_error.start_values import UnreadStart, resting_inputs, start_warnings
 from identification.output_error.study import OutputErrorStudy, WindowSpec
+from identification.output_error.study_checks import checked_parts
 from identification.output_error.times.rates import rate_warnings
 from identification.output_error.windows import counted, evenly_weighed, initial_states, length_warnings, weighed
-from identification.quantities import SECONDS
 from identification.recordings.campaign import StudyTrace, load_campaign, recorded_bytes, recording_warnings, split
 from identification.recordings.clipping import clipping_warnings
 from identification.results import GROUPS
-from orchestrator.assembly.assembly import Assembled, OpenSystem
-from orchestrator.crossing import Crossing, crossing, noted
-from orchestrator.fmi.interface import Port
+from orchestrator.assembly.assembly import Assembled
+from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.processes.child import load_ahead
 from orchestrator.processes.pool import processors
 from orchestrator.progress import Progress, share_of, silent
-from orchestrator.settable import check_values
-from orchestrator.system import Endpoint, System, must_be, recordable
 from orchestrator.trace import FloatArray, ReadOnlyArrays, Trace
 
 LOADED = 0.05  # of the whole when the traces are there, roughly
@@ -208,7 +203,7 @@ class PreparedStudy:
         fitted, kept = split(list(recorded), study.traces.hold_out)
         study = study.of_groups([trace.trace.name for trace in fitted], [trace.trace.name for trace in kept])
         system = BuiltSystem(study.system, sorted(study.run.inputs))
-        units, ports, wired, unread, found = _checked(study, system.assembled)
+        units, ports, wired, unread, found = checked_parts(study, system.assembled)
         length = chosen_length(study, fitted)
         train, of_train = picked_windows(study.run, fitted, study.windows, length, ports)
         unseen, of_unseen = picked_windows(study.run, kept, study.validation, length, ports)
@@ -348,64 +343,3 @@ def _problem(
 ) -> Problem:
     states = initial_states(study.run, windows)
     return Problem(parameters, tuple(windows), study.outputs, states, loss, study.grouped, counted(windows))
-
-
-def ports_of(study: OutputErrorStudy, system: System) -> dict[str, Port]:
-    """component.variable -> what a signal or value of the traces goes to or is compared with."""
-    names = (*study.run.outputs, *study.run.inputs, *study.run.initial, *study.traces.values)
-    return {name: system.port(Endpoint.parse(name)) for name in names}
-
-
-def _checked(
-    study: OutputErrorStudy, assembled: Assembled
-) -> tuple[dict[str, str], dict[str, Port], tuple[Crossing, ...], list[UnreadStart], list[SettableState]]:
-    """Units of the parameters, what signals go to, the connections, start values that nobody gives, and the states that
-    can be set, once all of the study is seen to exist."""
-    delays, parameters = study.delays, study.parameters
-    with OpenSystem(assembled) as opened:
-        system = opened.system
-        check_values(system, study.system.values())
-        for name in study.outputs:
-            if recordable(system, name, f"outputs.{name}").causality == "parameter":
-                must_be(system, name, "output", "outputs")
-        for key, names in _named_parameters(study).items():
-            for name in names:
-                must_be(system, name, "parameter", key)
-        for parameter in parameters.parameters:
-            if parameter.name not in delays:
-                kind = system.port(Endpoint.parse(study.variable(parameter.name)))
-                if not (kind.real or parameter.fixed):
-                    problem = f"is {with_article(kind.type)}, and what is estimated is a real number"
-                    raise WiringError(f"parameters.{parameter.name}", problem, "give its component a value")
-                for value in filter(math.isfinite, (parameter.start, parameter.lower, parameter.upper)):
-                    check_values(system, {study.variable(parameter.name): value})
-        for values in study.compare.values():
-            check_values(system, {study.variable(name): value for name, value in values.items() if name not in delays})
-        named = [*parameters.names, *study.outputs, *study.run.initial]
-        ports = {name: system.port(Endpoint.parse(study.variable(name))) for name in named if name not in delays}
-        units = {name: port.unit or "1" for name, port in ports.items()}
-        units |= dict.fromkeys(delays, "s")
-        crossings = (*system.crossings, *_converted(study, system))
-        settable = states(system, assembled.system.values())
-        return units, ports_of(study, system), crossings, unread_starts(study, system), settable
-
-
-def _converted(study: OutputErrorStudy, system: System) -> Iterator[Crossing]:
-    """How values of lists and parameter sets got to the units of the variables."""
-    used = {*map(study.variable, study.parameters.names), *study.system.values()}
-    for name, (place, unit) in study.given.items():
-        if name in used:
-            port = SECONDS if name in study.delays else system.port(Endpoint.parse(name))
-            yield crossing(f"{name} of {place}", port.meaning(unit), port.measure)
-
-
-def _named_parameters(study: OutputErrorStudy) -> dict[str, list[str]]:
-    """Key of the study -> the parameters of components that it names."""
-    named: dict[str, Iterable[str]] = {
-        "initial": study.run.initial,
-        "traces.values": study.traces.values,
-        "parameters": study.parameters.names,
-        "truth": study.truth,
-        **{f"compare.{name}": values for name, values in study.compare.items()},
-    }
-    return {key: [study.variable(name) for name in names if name not in study.delays] for key, names in named.items()}

@@ -14,11 +14,12 @@ from fmus.packaging import archive
 from fmus.parameters.write_back import description_of, is_ours
 from identification.estimation.groups import MARK, as_found
 from identification.fits import told
-from identification.output_error.calibration import Judged, isolated, judge, ports_of
+from identification.output_error.calibration import Judged, isolated, judge
 from identification.output_error.chosen_windows import chosen_length, picked_windows
 from identification.output_error.report import fits, overlays
 from identification.output_error.results import OutputErrorSummary, WindowsSummary
 from identification.output_error.study import OutputErrorStudy
+from identification.output_error.study_checks import ports_of
 from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
 from identification.result_sections import verdict_callout
 from identification.results import (
