@@ -86,7 +86,7 @@ class CanBlock(Block):
         every: message -> its period over that of the database [s].
         silence: how long no good value of a received signal may come until its input takes its safe value [s].
         resume: whether an output that has come to rest goes on by itself, `after` some time of good values.
-        after: how long values have to be good until then [s].
+        after: how long values have to be good until then, and good ones of what was silent have to come [s].
         on_silence: whether outputs rest, or the coupling ends, when a received signal falls silent.
         most_late: by how much a step may be late until all outputs rest, by default 3 steps and 0.05 s at least [s].
         give_up: by how much until the coupling ends [s].

@@ -287,7 +287,8 @@ class BusTraffic:
         changed: dict[str, list[str]] = {}
         for signal, status in self._status.items():
             why = self._why(signal)
-            self._status[signal] = after = status.seen(now, not why, self._rules)
+            proven = status.state is not OutputState.SAFE or self._watchdog.proven(signal.needs, self._rules.after)
+            self._status[signal] = after = status.seen(now, not why, self._rules, proven)
             if after.state is not status.state:
                 again = OutputState.INIT if status.state is OutputState.INIT else "is sent again"
                 rests = f"rests{' for good' * self._rules.latched}: {why}"

@@ -3,8 +3,8 @@
              all that it depends on is good                       anything is not
     init ------------------------------------> running ---------------------------------> safe
       |                                           |  <-----------------------------------  |
-      |                                           |    all good for `after` s,             |
-      v                                           v    unless it is latched                v
+      |                                           |    all good for `after` s, by frames   |
+      v                                           v    of that time, unless it is latched  v
     ended <---------------------------------------+----------------------------------------+
 
 It rests in every state but `running`. Nothing leaves `ended`.
@@ -61,14 +61,19 @@ class OutputStatus:
         """Whether the safe value is sent."""
         return self.state is not OutputState.RUNNING
 
-    def seen(self, now: float, good: bool, rules: Rules) -> OutputStatus:
-        """The status after a look at all that the output depends on."""
+    def seen(self, now: float, good: bool, rules: Rules, proven: bool = True) -> OutputStatus:
+        """The status after a look at all that the output depends on.
+
+        Args:
+            proven: whether good frames of what was silent have come for `after`: a single one is good for as long as
+                silence may be.
+        """
         if self.state is OutputState.ENDED:
             return self
         if not good:
             return OutputStatus(OutputState.SAFE if self.state is OutputState.RUNNING else self.state)
         since = now if self.good_since is None else self.good_since
-        resumes = not rules.latched and now - since >= rules.after
+        resumes = not rules.latched and now - since >= rules.after and proven
         runs = resumes or self.state is not OutputState.SAFE
         return OutputStatus(OutputState.RUNNING if runs else OutputState.SAFE, since)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from orchestrator.bridge.signals.inputs import ReceivedMessage, ReceivedSignal, TakenFrame
@@ -69,6 +69,7 @@ class _Watch:
 
     Attributes:
         heard: when its last good value came, or the coupling began [s].
+        back: when the first one came after its last silence [s].
         since: since when its input has its safe value, None while it has received ones [s].
         silent: whether its silence was said.
         fault: what is wrong with the frames that come, "" while they are good or none come.
@@ -77,6 +78,7 @@ class _Watch:
     message: ReceivedMessage
     signal: ReceivedSignal
     heard: float = 0.0
+    back: float = 0.0
     since: float | None = 0.0
     silent: bool = False
     first: float | None = None
@@ -136,6 +138,12 @@ class Watchdog:
             self._silent(group, now, why, inputs)
         return any(watch.first is not None for watch in overdue)
 
+    def proven(self, inputs: Collection[str], after: float) -> bool:
+        """Whether from the first good value of each of these inputs since its last silence to its latest one it was so
+        long [s]."""
+        watches = (watch for watch in self._watches.values() if watch.signal.input in inputs)
+        return all(watch.heard - watch.back >= after for watch in watches)
+
     def lost(self, now: float, why: str, inputs: FloatArray, bus: int = 0) -> None:
         """Put all inputs of a bus to their safe values at once."""
         watches = [watch for watch in self._watches.values() if watch.message.place.number == bus]
@@ -178,6 +186,7 @@ class Watchdog:
         for watch in watches:
             watch.at_safe, watch.since = watch.at_safe_values(now), None
             watch.first = now if watch.first is None else watch.first
+            watch.back = now
             watch.silent = False
             self.resting.discard(watch.signal.input)
         if first:

@@ -157,6 +157,21 @@ def test_what_was_about_to_be_sent_when_the_process_was_stopped_is_not_sent_afte
     assert traffic.report(0.02).skipped == 1
 
 
+def test_an_output_goes_on_after_a_time_of_good_frames_and_not_after_single_ones(rig: Database) -> None:
+    """Each of them is good for as long as silence may be, which is longer than `after`."""
+    bus, said = ScriptedBus(), list[str]()
+    traffic = on(bus, rig, said, after=0.1)
+    for number in range(1500):
+        if number < 100 or number % 400 < 50 or number >= 1200:
+            bus.waiting.append(frame(COMMAND, struct.pack("<hH", number, 0)))
+        traffic.receive(number * STEP)
+        traffic.send(number, [0.25], number * STEP, 0.0)
+    assert [line for line in said if "torque" in line] == [
+        "t = 0.300 s: torque rests: without rig.voltage",
+        "t = 1.300 s: torque is sent again",
+    ]
+
+
 def test_a_latched_output_stays_at_rest(rig: Database) -> None:
     bus, said = ScriptedBus(), list[str]()
     traffic = on(bus, rig, said, resume="latch", after=0)
