@@ -166,6 +166,8 @@ class BusTraffic:
         self._status = {signal: status.ended() for signal, status in self._status.items()}
         for line in self._lines:
             line.patience = min(line.patience, _PROMPT)
+            line.link.persists = True
+            line.fails()
         begun = time.monotonic()
         until = begun + _CONFIRMING
         taken = self._send_safe_values(self._coupling.sent, now, until)
@@ -184,6 +186,8 @@ class BusTraffic:
     def _left(self, message: SentMessage, taken: bool) -> str:
         """Leave safe values that have not got out with the adapter; why, "" where it does not keep them."""
         line = self._line(message)
+        if line.link.refusing:
+            return ""
         kept = line.link.stay() if taken else all(map(line.link.insist, message.safe_frames()))
         return (_FULL if line.waits else _STOPPED) if kept else ""
 
@@ -344,12 +348,15 @@ class BusTraffic:
 
     def _not_out(self, now: float) -> list[SendingLine]:
         """The buses on which not all is that was sent; where one has become full, the safe values are to be first, and
-        where nobody knows what became of them, they are sent again."""
+        where they were refused, or nobody knows what became of them, they are sent again."""
+        again = []
         for line in self._lines:
             line.take()
-            if line.fills(now) or line.link.doubtful:
+            filled, failed = line.fills(now), line.fails()
+            if filled or failed:
+                again.append(line)
                 self._send_safe_values([message for message in self._coupling.sent if self._line(message) is line], now)
-        return [line for line in self._lines if not line.quiet()]
+        return [line for line in self._lines if line in again or not line.quiet()]
 
     def _give(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> bool:
         """Give a frame to the adapter; whether it took it."""

@@ -29,6 +29,7 @@ class SendingLine:
         self.link, self.receiver, self.name = link, receiver, name
         self._backlog, self.patience = backlog, patience
         self.full, self.blocked = False, 0
+        self._failed = 0
 
     def take(self) -> list[can.Message]:
         """What has been received since the last call, in order."""
@@ -63,4 +64,9 @@ class SendingLine:
 
     def quiet(self) -> bool:
         """Whether all that was given is on the bus, by the adapter's answers and the time that others leave."""
-        return self._backlog.empty() and not self.link.owed and not self.link.doubtful
+        return self._backlog.empty() and not self.link.owed
+
+    def fails(self) -> bool:
+        """Whether since the last call the adapter has refused a frame, or it is known that nobody knows of one."""
+        before, self._failed = self._failed, self.link.failed
+        return self._failed != before

@@ -54,6 +54,7 @@ class Link:
 
     Attributes:
         reopens: whether a lost bus is opened again, every second.
+        persists: whether frames are also given to an adapter that has refused all of them for too long.
         trouble: why the bus is lost, "" while it is not.
         no_room: frames that the adapter did not take; unsent: frames for which there was no bus.
         losses: the first of them; loss_count counts all.
@@ -63,6 +64,7 @@ class Link:
     def __init__(self, bus: can.BusABC, settings: BusSettings, patience: float, say: Callable[[str], None]) -> None:
         self._bus, self._settings, self._patience, self._say = bus, settings, patience, say
         self.reopens = settings.reopens
+        self.persists = False
         self.trouble = ""
         self.no_room = self.unsent = self.loss_count = 0
         self.losses: list[BusLoss] = []
@@ -99,9 +101,14 @@ class Link:
         return getattr(getattr(self._bus, "flow", None), "lost", 0)
 
     @property
-    def doubtful(self) -> bool:
-        """Whether the latest frame is one of these."""
-        return getattr(self._bus, "doubtful", False)
+    def failed(self) -> int:
+        """Frames that the adapter of now has refused, and those of which it never said whether it took them."""
+        return getattr(getattr(self._bus, "flow", None), "failed", 0)
+
+    @property
+    def refusing(self) -> bool:
+        """Whether the adapter has refused its latest frame."""
+        return getattr(getattr(self._bus, "flow", None), "refusing", None) is not None
 
     @property
     def malformed(self) -> int:
@@ -141,7 +148,7 @@ class Link:
     def send(self, frame: can.Message, patience: float = 0.0) -> bool:
         """Whether the adapter took a frame, waiting at most so long for room [s]."""
         bus = self._bus
-        if self.trouble:
+        if self.trouble and not (self.persists and self.trouble == REFUSING):
             self.unsent += 1
             return False
         key = frame.arbitration_id, frame.is_extended_id
@@ -202,7 +209,7 @@ class Link:
         """See whether the adapter has refused everything for too long."""
         flow = getattr(bus, "flow", None)
         since = None if flow is None else flow.refusing
-        if since is not None and time.monotonic() - since > self._patience:
+        if since is not None and not self.persists and time.monotonic() - since > self._patience:
             self._lose(bus, REFUSING)
 
     def _lose(self, bus: can.BusABC, why: str) -> None:

@@ -168,6 +168,9 @@ class _Work:
         """Send what goes last, and see that all gets out; in words what may not have."""
         until = time.monotonic() + _CONFIRMING
         frames = self._end.frames(len(self._lines))
+        for line in self._lines:
+            line.link.persists = True
+            line.fails()
         refused = [(number, frame) for number, frame in frames if not self._give_last(number, frame, until)]
         refused = [(number, frame) for number, frame in refused if not self._lines[number].link.insist(frame)]
         while (open_ := self._not_out(frames)) and time.monotonic() < until:
@@ -177,7 +180,7 @@ class _Work:
         time.sleep(_LINGERING)
         waiting = [_text(one[1]) for one in frames if self._lines[one[0]] in open_ and one not in refused]
         said = [f"and was NOT followed by {', '.join(_text(frame) for _, frame in refused)}"] if refused else []
-        why = " and ".join(f"{line.name} {'is full' if line.waits else 'has stopped to answer'}" for line in open_)
+        why = " and ".join(f"{line.name} {_hindrance(line)}" for line in open_)
         return "; ".join(said + ([f"and {', '.join(waiting)} may not have got out: {why}"] if waiting else []))
 
     def report(self) -> Passed:
@@ -253,15 +256,17 @@ class _Work:
         return taken
 
     def _not_out(self, frames: Sequence[tuple[int, can.Message]]) -> list[SendingLine]:
-        """The buses on which not all is that was given; where one has become full, or nobody knows what became of the
-        last frames, they are given again."""
-        now = time.monotonic()
+        """The buses on which not all is that was given; where one has become full, or has refused the last frames, or
+        nobody knows what became of them, they are given again."""
+        now, again = time.monotonic(), []
         for number, line in enumerate(self._lines):
             line.take()
-            if line.fills(now) or line.link.doubtful:
+            filled, failed = line.fills(now), line.fails()
+            if filled or failed:
+                again.append(line)
                 for frame in [frame for bus, frame in frames if bus == number]:
                     line.give(frame, now)
-        return [line for line in self._lines if not line.link.trouble and not line.quiet()]
+        return [line for line in self._lines if not line.link.trouble and (line in again or not line.quiet())]
 
     def _tell(self, progress: Progress) -> None:
         lost = {
@@ -276,6 +281,13 @@ class _Work:
         line = ", ".join([f"{there:,} there, {back:,} back", *(f"{count:,} {what}" for what, count in told.items())])
         share = 0.0 if self._plan.duration is None else min(self._elapsed / self._plan.duration, 1.0)
         progress(share, Figures.of(line, {"there": there, "back": back} | told))
+
+
+def _hindrance(line: SendingLine) -> str:
+    """Why what was given to a bus may not be on it."""
+    if line.link.refusing:
+        return "refuses frames"
+    return "is full" if line.waits else "has stopped to answer"
 
 
 def _text(frame: can.Message) -> str:

@@ -59,9 +59,15 @@ class LastFrames:
         crowded = self._waiting(used, _WAY)
         for number in crowded:
             self._make_room(number)
-        problems = [problem for number, message in frames if (problem := self._sent(number, message))]
-        kept = self._waiting(used, _CONFIRMING)
-        kept += [n for n in used if n not in kept and getattr(self._channels[n].bus, "doubtful", False)]
+        until, failed, kept = time.monotonic() + _CONFIRMING, used, list[int]()
+        problems: list[str] = []
+        while failed and time.monotonic() < until:
+            before, self.sent = self._failures(), []
+            problems = [problem for number, message in frames if (problem := self._sent(number, message))]
+            kept = self._waiting(used, max(until - time.monotonic(), _WAY))
+            failed = [number for number in used if self._failures()[number] != before[number]]
+            time.sleep(_NAP if failed else 0.0)
+        kept += [number for number in failed if number not in kept]
         staying = [number for number in {*crowded, *kept} if hasattr(self._channels[number].bus, "stays")]
         for number in staying:  # of the crowded ones, too: what is out is known by an estimate
             self._channels[number].bus.stays = True  # type: ignore[attr-defined]
@@ -69,7 +75,7 @@ class LastFrames:
             problem = f"ended, and was NOT followed by {' and '.join(problems)}"
         elif kept:
             why = " and ".join(map(self._why, kept))
-            pending = ", and the adapter sends it when it can" if {*kept} <= {*staying} else ""
+            pending = ", and the adapter sends it when it can" if {*kept} <= {*staying} - {*failed} else ""
             problem = f"ended, and {', '.join(self.sent)} may not have got out: {why}{pending}"
         else:
             return
@@ -88,10 +94,16 @@ class LastFrames:
             time.sleep(_NAP)
         return left
 
+    def _failures(self) -> list[int]:
+        """Of each adapter the frames that it has refused, and those of which it never said whether it took them."""
+        return [getattr(getattr(channel.bus, "flow", None), "failed", 0) for channel in self._channels]
+
     def _why(self, number: int) -> str:
         """Why something waits on a bus."""
+        flow = getattr(self._channels[number].bus, "flow", None)
         stopped = self._backlogs[number].empty()
-        return f"{self._channels[number].settings.place} {'has stopped to answer' if stopped else 'is full'}"
+        why = "refuses frames" if flow and flow.refusing else "has stopped to answer" if stopped else "is full"
+        return f"{self._channels[number].settings.place} {why}"
 
     def _make_room(self, number: int) -> None:
         """Have an adapter forget what it has not sent, where it can."""

@@ -126,11 +126,6 @@ class SlcanBus(slcanBus):
         return flow.owed if flow.answers else 0
 
     @property
-    def doubtful(self) -> bool:
-        """Whether the latest frame is one of which it never said if it took it, though it does so of others."""
-        return self.flow.answers and self.flow.doubtful
-
-    @property
     def state(self) -> can.BusState:
         """What the adapter said last about its state."""
         return self._bus_state

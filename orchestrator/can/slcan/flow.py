@@ -24,7 +24,7 @@ class Flow:
         refused: frames that it did not take (BEL).
         refusing: since when it has refused all frames, None while it takes them.
         settled: how often nothing more was to be expected of what was before; lost: frames that were owed then, of
-            which nobody knows whether it took them; doubtful: whether the latest frame is among these.
+            which nobody knows whether it took them.
         given, heard: when it was given a frame last, and when it answered last.
     """
 
@@ -33,7 +33,6 @@ class Flow:
         self.taken: Counter[Key] = Counter()
         self.refused = self.settled = self.lost = 0
         self.refusing: float | None = None
-        self.doubtful = False
         self._owed: deque[tuple[float, Key]] = deque(maxlen=_KEPT)
         self._usual = LATE / _TIMES  # for which an answer takes [s]
         self._count = self._asked = 0  # frames that it was given in all, and by when it was asked last
@@ -44,13 +43,18 @@ class Flow:
         """Frames that it has not answered to yet."""
         return len(self._owed)
 
+    @property
+    def failed(self) -> int:
+        """Frames that it did not take, or of which nobody knows."""
+        return self.refused + self.lost
+
     @contextmanager
     def giving(self, key: Key, now: float) -> Iterator[None]:
         """A frame is written in the block, which fails where it is not; another thread may see its answer by then."""
         owed = now, key
         self._owed.append(owed)
         self._count += 1
-        self.given, self.doubtful = now, False
+        self.given = now
         try:
             yield
         except Exception:
@@ -89,7 +93,6 @@ class Flow:
         """The first so many frames that it has not answered to by now it never will."""
         count = min(count, len(self._owed))
         self.lost += count * self.answers
-        self.doubtful = self.doubtful or 0 < count == len(self._owed)
         with suppress(IndexError):  # another thread may have seen answers to them
             for _ in range(count):
                 self._owed.popleft()

@@ -338,6 +338,45 @@ def test_safe_values_of_which_the_adapter_never_says_that_it_took_them_are_in_do
         assert adapter.lines.count(b"C") == (1 if unconfirmed else 2)  # it stays on the bus, to send what it keeps
 
 
+class Refusal:
+    """An adapter that refuses all frames from one on, but so many of them."""
+
+    def __init__(self, first: int, times: float = math.inf) -> None:
+        self.first, self.times, self.frames = first, times, 0
+
+    def __call__(self, line: bytes) -> bytes:
+        self.frames += line[:1] == b"t"
+        return b"\a" if line[:1] == b"t" and 0 <= self.frames - self.first < self.times else willing(line)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [21, 1])  # the 21st is the safe one
+@pytest.mark.parametrize(("times", "unconfirmed"), [(22, ()), (math.inf, ("Guarded",))])
+def test_safe_values_that_the_adapter_refuses_are_sent_until_it_takes_them_also_where_it_has_refused_all(
+    rig: Database, first: int, times: float, unconfirmed: tuple[str, ...]
+) -> None:
+    block = CanBlock.model_validate({"database": rig.path} | BLOCK | {"silence": 0.2})
+    coupling, start, refusal = (
+        coupled(block, sample_system(), [rig], Fraction(1, 1000)),
+        time.monotonic(),
+        Refusal(first, times),
+    )
+    (message,) = coupling.sent
+    with (
+        ScriptedAdapter(refusal) as adapter,
+        on_buses([BusSettings("slcan", adapter.path, 500_000)], coupling, STEP, lambda line: None) as traffic,
+    ):
+        traffic.begin(start)
+        for number in range(20):
+            traffic.send(number * message.every, [0.5], time.monotonic() - start, 0.0)
+            time.sleep(0.015)
+        traffic.end(time.monotonic() - start)
+        report = traffic.report(time.monotonic() - start)
+        assert (report.unconfirmed, report.pending) == (unconfirmed, "")
+        assert bool(report.trouble) == (first == 1)
+        assert adapter.frames[-1].startswith(b"t10347D00")  # 0.125
+
+
 class _Flooded(ScriptedBus):
     """A bus that others fill from some time on, for so long [s]."""
 
@@ -421,7 +460,7 @@ def test_each_output_rests_by_its_own_inputs_and_steps_whatever_goes_wrong_at_on
     rig: Database, spells: list[tuple[set[str], str, int]], latched: bool
 ) -> None:
     """Ticks of 1 ms; good frames come every 10 ms, pages in turn, but for those that are taken away."""
-    bus, silence, after, most_late, period = ScriptedBus(), 0.1, 0.1, 0.05, 0.002
+    bus, silence, after, most_late, period, pages = ScriptedBus(), 0.1, 0.1, 0.05, 0.002, 0.02
     signals = dict(zip(SOURCES, ("first", "second", "Command.voltage"), strict=True))
     changes = {
         "receive": {f"rig.{name}": {"signal": signal, "safe": 0} for name, signal in signals.items()},
@@ -434,11 +473,12 @@ def test_each_output_rests_by_its_own_inputs_and_steps_whatever_goes_wrong_at_on
     }
     traffic = on(bus, rig, [], ANY, **changes | {"silence": silence, "most_late": most_late})
     heard, stepped, behind = dict.fromkeys(SOURCES, -math.inf), 0.0, False
+    first = dict(heard)  # of the good frames since the last silence
     bad, ran, fell = dict.fromkeys(GROUPS, 0.0), dict.fromkeys(GROUPS, False), dict.fromkeys(GROUPS, False)
     begun: list[tuple[set[str], str, int]] = [(set(), "", 30)]
     whole = ((gone, steps) for gone, steps, ticks in begun + spells for _ in range(ticks))
     for tick, (gone, steps) in enumerate(whole):
-        now = tick * STEP
+        now, last = tick * STEP, dict(heard)
         if tick % 10 == 0:
             page = tick // 10 % 2
             if SOURCES[page] not in gone:
@@ -447,6 +487,7 @@ def test_each_output_rests_by_its_own_inputs_and_steps_whatever_goes_wrong_at_on
             if "voltage" not in gone:
                 bus.waiting.append(frame(257, struct.pack("<hH", 500, 0)))
                 heard["voltage"] = now
+        first = {name: now if heard[name] - last[name] > silence + 1e-9 else first[name] for name in SOURCES}
         traffic.receive(now)
         before = len(bus.sent)
         if steps == "hangs":
@@ -466,7 +507,8 @@ def test_each_output_rests_by_its_own_inputs_and_steps_whatever_goes_wrong_at_on
                 if values[output]:
                     assert all(now - heard[name] <= silence + 2 * period + 1e-9 for name in needs)
                     assert not fell[output] or (good >= after - 2 * period and not latched)
+                    assert not fell[output] or all(heard[name] - first[name] >= after - 1e-9 for name in needs)
                 elif all(math.isfinite(heard[name]) for name in needs):
-                    assert good <= after + 2 * period + 1e-9 or (latched and fell[output])
+                    assert good <= after + pages + 2 * period + 1e-9 or (latched and fell[output])
     traffic.end(9.0)
     assert struct.unpack_from("<ih", bus.sent[-1].data) == (0, 0)

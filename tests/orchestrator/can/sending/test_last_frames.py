@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -13,6 +14,7 @@ from orchestrator.can.live.bus import BusSettings, occupied
 from orchestrator.can.live.channels import Channel
 from orchestrator.can.sending.last_frames import LastFrames
 from orchestrator.can.sending.safe_end import Last, SafeEnd
+from orchestrator.can.slcan.flow import Flow
 
 SETTINGS = BusSettings("slcan", "port", bitrate=500_000)
 URGENT = can.Message(arbitration_id=1, is_extended_id=False, data=bytes(8))
@@ -89,15 +91,37 @@ def test_a_last_frame_that_is_left_with_an_adapter_may_follow() -> None:
     assert (adapter.done[-1], adapter.stays) == ("100", True)
 
 
-class Doubtful(Staying):
-    """One that has never said whether it took the latest frame."""
+class Refusing(Staying):
+    """One that does not take the first so many frames, and says so or does not (`refuses`)."""
 
-    doubtful = True
+    def __init__(self, times: float, refuses: bool) -> None:
+        super().__init__()
+        self.flow = Flow(True)
+        self._times, self._refuses = times, refuses
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        super().send(message, timeout)
+        with self.flow.giving((message.arbitration_id, False), time.monotonic()):
+            pass
+        if self._refuses or len(self.done) > self._times:
+            self.flow.answered(len(self.done) > self._times, time.monotonic())
+        else:
+            self.flow.settle()
 
 
-def test_a_last_frame_that_the_adapter_never_answered_to_is_in_doubt() -> None:
-    adapter = Doubtful()
-    with pytest.raises(BusError, match="may not have got out: slcan:port has stopped to answer"):
+@pytest.mark.parametrize("refuses", [True, False])
+def test_a_last_frame_that_an_adapter_has_refused_or_never_answered_to_is_given_again(refuses: bool) -> None:
+    adapter = Refusing(3, refuses)
+    last = last_frames(adapter, full=False)
+    last.send("log")
+    assert (adapter.done, last.sent) == (["100"] * 4, ["100#0000"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("refuses", "why"), [(True, "refuses frames"), (False, "has stopped to answer")])
+def test_a_last_frame_that_an_adapter_never_takes_is_in_doubt(refuses: bool, why: str) -> None:
+    adapter = Refusing(math.inf, refuses)
+    with pytest.raises(BusError, match=f"100#0000 may not have got out: slcan:port {why}; stop the machine otherwise"):
         last_frames(adapter, full=False).send("log")
 
 
