@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import io
 import os
 import sys
 from collections.abc import Iterator
@@ -45,11 +46,24 @@ def unwritable(problem: OSError) -> InputError:
 def all_there() -> None:
     """Have standard streams that are closed lead nowhere, lest what is opened next takes their numbers.
 
-    Into standard output nothing can be written then, as before: an answer is not lost without a word.
+    Into standard output nothing can be written then, as before: an answer is not lost without a word. What cannot be
+    told on standard error is no fault of who tells it.
     """
     for name, mode, access in (("stdin", "r", os.O_RDWR), ("stdout", "w", os.O_RDONLY), ("stderr", "w", os.O_RDWR)):
         if getattr(sys, name) is None:
             setattr(sys, name, _nowhere(mode, access))
+    told = io.BufferedWriter(_Forgiving(sys.stderr.fileno(), "wb", closefd=False))
+    sys.stderr = io.TextIOWrapper(told, sys.stderr.encoding, sys.stderr.errors, line_buffering=True)
+
+
+class _Forgiving(io.FileIO):
+    """A file that takes all: what its disk or its reader does not is lost."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes
 
 
 def _nowhere(mode: str, access: int = os.O_RDWR) -> IO[Any]:

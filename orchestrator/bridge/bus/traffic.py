@@ -349,14 +349,15 @@ class BusTraffic:
     def _not_out(self, now: float) -> list[SendingLine]:
         """The buses on which not all is that was sent; where one has become full, the safe values are to be first, and
         where they were refused, or nobody knows what became of them, they are sent again."""
-        again = []
+        open_ = []
         for line in self._lines:
             line.take()
-            filled, failed = line.fills(now), line.fails()
+            filled, quiet, failed = line.fills(now), line.quiet(), line.fails()
+            if filled or failed or not quiet:
+                open_.append(line)
             if filled or failed:
-                again.append(line)
                 self._send_safe_values([message for message in self._coupling.sent if self._line(message) is line], now)
-        return [line for line in self._lines if line in again or not line.quiet()]
+        return open_
 
     def _give(self, message: SentMessage, frame: can.Message, now: float, patience: float = 0.0) -> bool:
         """Give a frame to the adapter; whether it took it."""

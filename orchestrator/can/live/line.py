@@ -67,6 +67,7 @@ class SendingLine:
         return self._backlog.empty() and not self.link.owed
 
     def fails(self) -> bool:
-        """Whether since the last call the adapter has refused a frame, or it is known that nobody knows of one."""
+        """Whether since the last call the adapter has refused a frame, or it is known that nobody knows of one; to be
+        asked after `quiet`, which may find that out."""
         before, self._failed = self._failed, self.link.failed
         return self._failed != before

@@ -258,15 +258,16 @@ class _Work:
     def _not_out(self, frames: Sequence[tuple[int, can.Message]]) -> list[SendingLine]:
         """The buses on which not all is that was given; where one has become full, or has refused the last frames, or
         nobody knows what became of them, they are given again."""
-        now, again = time.monotonic(), []
+        now, open_ = time.monotonic(), list[SendingLine]()
         for number, line in enumerate(self._lines):
             line.take()
-            filled, failed = line.fills(now), line.fails()
+            filled, quiet, failed = line.fills(now), line.quiet(), line.fails()
+            if filled or failed or not quiet:
+                open_.append(line)
             if filled or failed:
-                again.append(line)
                 for frame in [frame for bus, frame in frames if bus == number]:
                     line.give(frame, now)
-        return [line for line in self._lines if not line.link.trouble and (line in again or not line.quiet())]
+        return [line for line in open_ if not line.link.trouble]
 
     def _tell(self, progress: Progress) -> None:
         lost = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import subprocess
@@ -50,6 +51,14 @@ def test_closed_streams_change_no_exit_code_of_what_needs_none(recording: Path, 
     code, said = shell(f"info none.csv {closed}", recording)
     assert code == 2
     assert ("none.csv: there is no such file" in said) == ("2" not in closed)
+
+
+@pytest.mark.parametrize("where", ["2> /dev/full", "2> >(exec true)"])
+def test_a_command_goes_on_where_nobody_takes_what_it_tells_meanwhile(recording: Path, where: str) -> None:
+    """One that has a bus, or prints in an FMU, would end in the middle of its work."""
+    record = shlex.join([*COMMAND, "can", "record", "--interface", "virtual", "--channel", "streams", "--out", "taken"])
+    assert shell(f"{record} --json --duration 1.5 {where}", recording) == (0, "")
+    assert json.loads((recording.parent / "taken/manifest.json").read_text())["ended"] == "duration"
 
 
 CLOSED, FULL = ("Bad file descriptor", ">&-"), ("No space left on device", "> /dev/full")
