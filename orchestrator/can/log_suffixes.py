@@ -20,6 +20,7 @@ TEXT = {".asc": "asc", ".csv": "table", ".log": "candump", ".trc": "trc", ".txt"
 """Suffix of a text -> its format where its lines do not tell."""
 SHARED = (".csv", ".txt")
 PACKED = ".gz"
+PACKED_PROBLEM = "is packed, as only text logs of CAN frames may be"
 FRAMES = (b"CAN_DataFrame", b"CAN_ErrorFrame", b"CAN_RemoteFrame", b"LIN_Frame", b"FLX_Frame")  # channels of MDF logs
 HEAD = 1 << 16  # bytes that are looked at
 PLAIN = bytes(32 if octet < 32 and octet != 10 else octet for octet in range(256))  # control characters are blanks

@@ -14,7 +14,7 @@ from typing import BinaryIO, Protocol, TypeGuard
 
 from fmus.errors import TraceError
 from fmus.files import atomic_write
-from orchestrator.can.log_suffixes import SUFFIXES, is_log
+from orchestrator.can.log_suffixes import PACKED, PACKED_PROBLEM, SUFFIXES, is_log
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording, coarse, largest
 from orchestrator.marks import of_stamps
@@ -137,6 +137,8 @@ def _format(path: Path, suffix: str, modules: Mapping[str, str]) -> Format:
         form: Format = import_module(f"{__name__}.{modules[suffix]}")
         return form
     added = {f".{name}": form for name, form in plugins("servotwin.formats", _is_format).items()}
+    if suffix == PACKED:
+        raise TraceError(path, PACKED_PROBLEM, f"gunzip {path.name}")
     if suffix not in added:
         known = ", ".join(dict.fromkeys((*modules, *SUFFIXES, *added)))
         what = "is read, not written" if suffix in READ else "is not known"

@@ -81,7 +81,7 @@ def read(path: Path, encoding: str | None) -> Read:
     if suffix in CANOPEN:
         with _silenced("canopen"):
             device = canopen_pdos.read(path, text)
-        return Read(device.messages, [], notes, of_any_node=device.of_any_node)
+        return Read(device.messages, [], [*notes, *device.notes], of_any_node=device.of_any_node)
     _refuse_hostile(path, suffix, text)
     if suffix == ".dbc":
         return _sound(path, DbcText(text), notes)

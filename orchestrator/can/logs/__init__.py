@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fmus.errors import TraceError
 from orchestrator.can.frames import Frames
-from orchestrator.can.log_suffixes import SHARED, SUFFIXES, is_log, suffix_of, text_format
+from orchestrator.can.log_suffixes import PACKED, PACKED_PROBLEM, SHARED, SUFFIXES, is_log, suffix_of, text_format
 from orchestrator.can.logs import sqlite
 from orchestrator.can.logs.blf import reading as blf
 from orchestrator.can.logs.findings import Damage, Findings
@@ -85,6 +85,8 @@ def read(path: str | Path, progress: Progress = silent) -> LogReader:
     file = Path(path)
     check_file(file)
     if not is_log(file):
+        if suffix_of(file) in BINARY and file.suffix.lower() == PACKED:
+            raise TraceError(file, PACKED_PROBLEM, f"gunzip {file.name}")
         if suffix_of(file) == ".mf4":
             raise TraceError(file, "holds no CAN frames but measured channels", "read it as a recording, without --dbc")
         shared = suffix_of(file) in SHARED

@@ -48,6 +48,17 @@ def test_mapped_process_data_are_messages_of_the_device(tmp_path: Path) -> None:
     assert base.signal("x3000_01")[1].lowest == 40  # not described
 
 
+def test_what_a_mapping_does_not_tell_of_its_objects_is_told(tmp_path: Path) -> None:
+    text = EDS.replace("DataType=4", "DataType=9")
+    assert load(file(tmp_path, text)).notes == (
+        "drive.eds: RPDO3: x3000_01 is taken for an unsigned number: the file does not describe it",
+        "drive.eds: TPDO1: Position_actual_value is taken for an unsigned number: its type is none of numbers",
+    )
+    without = file(tmp_path, EDS.replace("DefaultValue=0x60640020\n", ""))
+    assert load(without).message("TPDO1").length == 2
+    assert "TPDO1: entry 2 of its mapping has no value; what lies from there on is left out" in load(without).notes[1]
+
+
 def test_frames_of_each_node_are_a_stream_of_their_own_and_one_can_be_chosen(tmp_path: Path) -> None:
     log = frames((0x185, state(1, -7)), (0x187, state(2, 8)), (0x185, state(3, -9)))
     base = load_all(file(tmp_path, EDS))

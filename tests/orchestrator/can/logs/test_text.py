@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
+from orchestrator import formats
 from orchestrator.can import logs
 from orchestrator.can.frames import Flag, Frames, from_messages, since
 from orchestrator.can.logs.text import reading
@@ -212,6 +213,10 @@ def test_a_packed_log_is_read_and_neither_damage_nor_a_trap_fills_the_memory(
     path.write_bytes(gzip.compress(b"(1.000000) can0 123#00\n" * 1_000_000))
     log = logs.read(path)
     assert 0 < len(all_of(log)) < 1_000_000 and "times its size" in str(log.damage)
+    for read in (logs.read, formats.read):
+        with pytest.raises(TraceError, match=r"is packed, as only text logs of CAN frames may be; gunzip b\.mf4\.gz"):
+            read(path.rename(tmp_path / "b.mf4.gz"))
+        path = tmp_path / "b.mf4.gz"
 
 
 @pytest.mark.parametrize(
