@@ -11,6 +11,7 @@ from orchestrator.assembly.assembly import OpenSystem, assemble
 from orchestrator.can.database.writing import Declared
 from orchestrator.fmi.isolation import scratch
 from orchestrator.scenario.schema import load_scenario
+from orchestrator.scenario.units import by_elements
 from orchestrator.system import Endpoint, System
 
 RIG, PEER = "Rig", "Controller"  # who sends outputs, and who sends what the inputs take
@@ -31,7 +32,8 @@ def declared(path: Path, every: float | None = None) -> list[Declared]:
         scratch(None) as folder,
         OpenSystem(assemble(scenario.system, folder, scenario.driven)) as opened,
     ):
-        names = [*scenario.recorded(_outputs(opened.system)), *scenario.driven]
+        recorded = by_elements(opened.system, scenario).recorded(_outputs(opened.system))
+        names = [*recorded, *scenario.driven]
         found = list(_signals(opened.system, dict.fromkeys(names), scenario.timing.step, every))
     if not found:
         raise ScenarioError(path, "records no output and drives no input that is a number", "name some in `record`")

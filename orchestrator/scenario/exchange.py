@@ -17,6 +17,7 @@ from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.isolation import scratch
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import ScenarioBlock, load_scenario
+from orchestrator.scenario.units import by_elements
 from orchestrator.settable import typed
 from orchestrator.ssp.annotations import kept
 from orchestrator.ssp.names import Version
@@ -56,7 +57,7 @@ def export(file: Path, out: Path, tool: Tool = Tool.ANY, version: Version = Vers
     scenario = load_scenario(file, references=False)
     if scenario.system.buses:
         raise InputError(f"{file}: buses", "an SSP has no buses between FMUs", "remove them, or hand on the scenario")
-    with scratch(None) as folder:
+    with scenario.naming(), scratch(None) as folder:
         assembled = assemble(scenario.system, folder, scenario.driven)
         outline = replace(_outline(file, scenario, assembled), version=version)
         if tool is not Tool.ANY:
@@ -105,7 +106,7 @@ def _outline(file: Path, scenario: Scenario, assembled: Assembled) -> Outline:
         values=typed(system, values),
         times=times,
         driven=_driven(scenario, system),
-        recorded=tuple(name for name in scenario.record or () if _is_output(system, name)),
+        recorded=tuple(name for name in by_elements(system, scenario).record or () if _is_output(system, name)),
         annotations=_annotations(file),
         others=_extras(file),
     )

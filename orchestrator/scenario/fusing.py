@@ -25,6 +25,7 @@ from orchestrator.rational import clock
 from orchestrator.scenario.nesting import Role, check_links, nested, remarks
 from orchestrator.scenario.scenario import Scenario
 from orchestrator.scenario.schema import load_scenario
+from orchestrator.scenario.units import by_elements
 from orchestrator.settable import check_values, typed
 from orchestrator.system import Endpoint, System, component_values
 
@@ -51,10 +52,12 @@ def fuse(file: Path, expose: Sequence[str] = ()) -> Fused:
     scenario = load_scenario(file, references=False)
     _refuse(file, scenario)
     with (
+        scenario.naming(),
         scratch(None) as folder,
         OpenSystem(assemble(scenario.system, folder, scenario.driven, "native")) as opened,
     ):
         system = opened.system
+        scenario = by_elements(system, scenario)
         given = opened.assembled.system.values()
         check_values(system, given)
         plan = make_plan(system, scenario.timing.step, scenario.timing.order, scenario.timing.cycles)

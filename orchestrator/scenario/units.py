@@ -26,5 +26,13 @@ def in_units_of(system: System, scenario: Scenario) -> tuple[Scenario, list[Cros
     shared = {id(asked): asked for case in scenario.cases for asked in case.expected}
     done = {key: asked.brought(wiring) for key, asked in shared.items()}  # once each: a reference may be large
     cases = tuple(replace(case, expected=tuple(done[id(a)] for a in case.expected)) for case in scenario.cases)
-    record = None if scenario.record is None else all_elements(system, scenario.record)
-    return replace(scenario, stimuli=stimuli, cases=cases, record=record), wiring.crossings
+    return replace(by_elements(system, scenario), stimuli=stimuli, cases=cases), wiring.crossings
+
+
+def by_elements(system: System, scenario: Scenario) -> Scenario:
+    """The scenario with whole arrays that are to be recorded by their elements.
+
+    Raises:
+        WiringError: a name is of no component.
+    """
+    return replace(scenario, record=None if scenario.record is None else all_elements(system, scenario.record))

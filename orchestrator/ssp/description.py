@@ -108,6 +108,10 @@ class Element:
     connectors: Mapping[str, Connector]
     bindings: tuple[Binding, ...] = ()
 
+    def declared(self, name: str) -> Connector | None:
+        """The connector of this name, of an element of an array that of the array; None where there is none."""
+        return self.connectors.get(name) or self.connectors.get(name.partition("[")[0])
+
 
 @dataclass(frozen=True)
 class SsdComponent(Element):

@@ -74,8 +74,7 @@ class FlatSystem:
         if node in self.entries:
             return self.entries[node]
         owner: Element = self.components[path] if path in self.components else self.systems[path]
-        array = name.partition("[")[0]  # of an element
-        return owner.connectors.get(name) or owner.connectors.get(array) or Connector(name, "unspecified")
+        return owner.declared(name) or Connector(name, "unspecified")
 
     def units_at(self, path: Path) -> Mapping[str, Unit]:
         """What units are in the system that holds an element, or in this system."""
@@ -167,7 +166,7 @@ def _gives(end: tuple[str, str], system: SystemElement) -> bool | None:
     """Whether values come out of an end of a connection in a system, by its kind; None where that leaves it open."""
     name, connector = end
     owner: Element | None = system.elements.get(name) if name else system
-    declared = None if owner is None else owner.connectors.get(connector.partition("[")[0])
+    declared = None if owner is None else owner.declared(connector)
     if declared is None or declared.kind not in _GIVES:
         return None
     return _GIVES[declared.kind] is bool(name)
@@ -186,7 +185,7 @@ def _node(end: tuple[str, str], path: Path, system: SystemElement, scopes: Scope
         raise WiringError(place, f"there is no element '{name}'", nearest(name, system.elements))
     if isinstance(element, DictionaryReference):
         return _in_dictionary(element, connector, scopes, place)
-    if isinstance(element, SystemElement) and connector.partition("[")[0] not in element.connectors:
+    if isinstance(element, SystemElement) and element.declared(connector) is None:
         problem = f"there is no connector '{connector}' of {name or 'the system'}"
         raise WiringError(place, problem, nearest(connector, element.connectors))
     return ((*path, name) if name else path), connector

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
+import numpy as np
 import pytest
 
 from fmus.errors import WiringError
+from orchestrator.scenario import fusing
 from orchestrator.scenario.exchange import export
 from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.checking import check
 from orchestrator.ssp.document import imported
+from orchestrator.ssp.names import Version
 from tests.support.simulation.ssps import (
     archive,
     bindings,
@@ -178,3 +183,35 @@ def test_connectors_of_the_system_have_names_of_their_own(tmp_path: Path) -> Non
     assert not check(tmp_path / "twins.ssp").problems
     result = run_scenario(tmp_path / "twins.ssp").cases[0].result
     assert result is not None and (result.trace["a.y"][-1], result.trace["a_b.y"][-1]) == (21.0, 15.0)
+
+
+@pytest.mark.parametrize("version", Version)
+def test_elements_of_arrays_go_in_and_out_by_connectors_of_their_own(tmp_path: Path, version: Version) -> None:
+    shutil.copy(reference(3, "StateSpace"), tmp_path / "space.fmu")
+    Path(tmp_path, "space.yaml").write_text(
+        "title: arrays\ncomponents: {a: {fmu: space.fmu}, b: {fmu: space.fmu}}\nconnections: [a.y -> b.u]\n"
+        'stimuli: {"a.u[1]": {constant: 2}, "a.u[3]": {constant: 4}}\nrun: {stop: 10, step: 1}\nrecord: [b.y]\n'
+    )
+    export(tmp_path / "space.yaml", tmp_path / "space.ssp", version=version)
+    assert not check(tmp_path / "space.ssp").problems
+    with ZipFile(tmp_path / "space.ssp") as full, ZipFile(tmp_path / "bare.ssp", "w") as bare:
+        for name in full.namelist():  # without what only this project reads
+            if not name.startswith("extra/"):
+                bare.writestr(name, full.read(name))
+    traces = []
+    for name in ("space.yaml", "space.ssp", "bare.ssp"):
+        result = run_scenario(tmp_path / name).cases[0].result
+        assert result is not None
+        traces.append({signal: result.trace[signal] for signal in result.trace.names})
+    assert [*traces[0]] == ["b.y[1]", "b.y[2]", "b.y[3]"] and np.ptp(traces[0]["b.y[3]"]) > 0
+    assert all(np.array_equal(traces[0][name], one[name]) for one in traces[1:] for name in traces[0])
+
+
+def test_one_fmu_shows_the_elements_of_an_array_that_is_recorded(tmp_path: Path) -> None:
+    shutil.copy(reference(3, "StateSpace"), tmp_path / "space.fmu")
+    text = "title: arrays\ncomponents: {a: {fmu: space.fmu}}\nrun: {stop: 10, step: 1}\nrecord: [a.y]\n"
+    Path(tmp_path, "space.yaml").write_text(text)
+    assert fusing.fuse(tmp_path / "space.yaml").system.outputs == ("a.y[1]", "a.y[2]", "a.y[3]")
+    Path(tmp_path, "other.yaml").write_text(text.replace("a.y", "a.q"))
+    with pytest.raises(WiringError, match=r"other\.yaml: .*a\.q: no variable 'q' in 'a'"):
+        fusing.fuse(tmp_path / "other.yaml")
