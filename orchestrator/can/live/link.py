@@ -101,6 +101,11 @@ class Link:
         return getattr(getattr(self._bus, "flow", None), "lost", 0)
 
     @property
+    def gone(self) -> bool:
+        """Whether nothing can be given to it."""
+        return bool(self.trouble) and not (self.persists and self.trouble == REFUSING)
+
+    @property
     def failed(self) -> int:
         """Frames that the adapter of now has refused, and those of which it never said whether it took them."""
         return getattr(getattr(self._bus, "flow", None), "failed", 0)
@@ -148,7 +153,7 @@ class Link:
     def send(self, frame: can.Message, patience: float = 0.0) -> bool:
         """Whether the adapter took a frame, waiting at most so long for room [s]."""
         bus = self._bus
-        if self.trouble and not (self.persists and self.trouble == REFUSING):
+        if self.gone:
             self.unsent += 1
             return False
         key = frame.arbitration_id, frame.is_extended_id

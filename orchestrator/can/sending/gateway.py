@@ -267,7 +267,7 @@ class _Work:
             if filled or failed:
                 for frame in [frame for bus, frame in frames if bus == number]:
                     line.give(frame, now)
-        return [line for line in open_ if not line.link.trouble]
+        return [line for line in open_ if not line.link.gone]
 
     def _tell(self, progress: Progress) -> None:
         lost = {

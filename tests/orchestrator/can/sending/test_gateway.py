@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import signal
 import threading
 import time
@@ -237,6 +239,40 @@ def test_of_an_adapter_that_has_stopped_to_answer_it_is_not_said_that_its_bus_is
     told = " ".join(said.split())
     assert process.returncode == 3 and "300#00 may not have got out" in told and "has stopped to answer" in told
     assert "is full" not in told
+
+
+IN_DOUBT = "300#00 may not have got out"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("refused", "times", "told"),
+    [
+        ((b"t300",), 3, ()),
+        ((b"t300",), math.inf, (IN_DOUBT, "refuses frames")),
+        ((b"t100", b"t300"), math.inf, (IN_DOUBT, "is lost (the adapter refuses all frames)")),
+    ],
+)
+def test_the_last_frame_is_given_again_to_an_adapter_that_refuses_it(
+    refused: tuple[bytes, ...], times: float, told: tuple[str, ...]
+) -> None:
+    count = itertools.count()
+
+    def answer(line: bytes) -> bytes:
+        return b"\a" if line.startswith(refused) and next(count) < times else willing(line)
+
+    with ScriptedAdapter() as near, ScriptedAdapter(answer) as far:
+        arguments = ["--interface", "slcan", "--channel", near.path, "--channel", far.path]
+        with command("can", "gateway", *arguments, "--bitrate", 500_000, "--end-with", "300#00") as process:
+            until_said(process, "passing frames")
+            for _ in range(50):
+                near.say(b"t1001AA\r")
+                time.sleep(0.01)
+            process.send_signal(signal.SIGTERM)
+            _, said = process.communicate(timeout=HANG)
+        assert sum(line.startswith(b"t300") for line in far.frames) > 3
+    assert process.returncode == (3 if told else 0)
+    assert all(words in said for words in told)
 
 
 @pytest.mark.slow
