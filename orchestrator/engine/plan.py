@@ -190,7 +190,7 @@ def _allow_cycle(
         raise WiringError(
             "connections",
             f"direct feed-through runs in a circle: {path}",
-            "set `cycles: iterate`, or `feed_through: none` for a component with dynamics",
+            "set `cycles: {}` in `run` to iterate it, or `feed_through: none` for a component with dynamics",
         )
     stateless = [name for name in group if not system.parts[name].interface.has_state]
     if stateless:

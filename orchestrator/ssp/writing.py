@@ -99,6 +99,11 @@ class _Writing:
         if links:
             ET.SubElement(system, f"{SSD}Connections").extend(links)
         self._tell_driven()
+        if self.tool is not Tool.ANY:
+            self.notes += [
+                f"{link.source} -> {link.target}: {self.tool} is not known to give a parameter a calculated value"
+                for link in self.outline.system.settled
+            ]
         if self.outline.version is Version.ONE:
             self.notes += [
                 f"{link}: SSP 1.0 knows no clocks; it joins connectors without a type"

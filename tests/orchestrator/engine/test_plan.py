@@ -97,7 +97,10 @@ def test_the_path_of_a_circle_is_printed_in_the_direction_of_the_values_with_the
         f"direct feed-through runs in a circle: {path}"
         for path in ("c0 -> c2 -> c1 -> c0", "c2 -> c1 -> c0 -> c2", "c1 -> c0 -> c2 -> c1")
     }
-    assert refused.value.fix == "set `cycles: iterate`, or `feed_through: none` for a component with dynamics"
+    assert (
+        refused.value.fix
+        == "set `cycles: {}` in `run` to iterate it, or `feed_through: none` for a component with dynamics"
+    )
 
 
 def test_a_component_that_drives_itself_is_a_circle() -> None:

@@ -19,6 +19,7 @@ from orchestrator.scenario.run import run_scenario
 from orchestrator.ssp.checking import check
 from orchestrator.ssp.document import imported
 from orchestrator.ssp.names import Version
+from orchestrator.ssp.outline import Tool
 from tests.support.simulation import deriving
 from tests.support.simulation.ssps import archive, bindings, connection, connectors, real, system, values
 
@@ -54,6 +55,11 @@ def test_a_system_with_them_comes_back_from_an_ssp(tmp_path: Path, version: Vers
     export(scenario(tmp_path, CHAIN), path, version=version)
     assert not check(path).problems
     assert last(path) == EXPECTED
+
+
+def test_a_tool_that_is_not_known_to_pass_them_on_is_told(tmp_path: Path) -> None:
+    notes = export(scenario(tmp_path, CHAIN[:1]), tmp_path / "chain.ssp", Tool.ECOS).notes
+    assert "a.double -> b.k: ecos is not known to give a parameter a calculated value" in notes
 
 
 def foreign(path: Path, links: list[str], sets: str = "", version: str = "2.0") -> Path:
