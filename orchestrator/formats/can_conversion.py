@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -26,6 +26,7 @@ from orchestrator.can.database.bus import LogDatabase, load_all
 from orchestrator.can.database.database import Database
 from orchestrator.can.database.sources import paths
 from orchestrator.can.logs.frame_count import moment
+from orchestrator.crossing import Crossing, crossing, named, noted
 from orchestrator.formats import can_log, csv, parquet
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import coarse, largest
@@ -96,7 +97,7 @@ def relogged(source: Path, target: Path, layout: Layout, progress: Progress) -> 
 
 
 def encoded(source: Path, target: Path, layout: Layout) -> ConvertedLog:
-    """The frames that carry a trace: the signals that the layout chooses, or all that the database has.
+    """The frames that carry a trace: the signals that the layout chooses, or all that the database has, in its units.
 
     A signal `hand.angle` of a system is `hand_angle` in a database that has no message `hand`.
     """
@@ -116,13 +117,40 @@ def encoded(source: Path, target: Path, layout: Layout) -> ConvertedLog:
     if not wanted:
         raise TraceError(source, f"has no signal of {database.path}", f"it holds {', '.join(trace.names)}")
     encoder, lost = Encoder(database, list(wanted)), Counter[str]()
-    count = logs.write(target, [encoder.encode(trace)], _attached(layout), lost)
+    sent, crossed = _in_units_of(database, trace.select(wanted))
+    count = logs.write(target, [encoder.encode(sent, recording.start or 0.0)], _attached(layout), lost)
     left = [name for name in trace.names if name not in wanted]
     told = [f"not in the database: {', '.join(left)}"] if left and layout.signals is None else []
+    rest = _resting(database, wanted)
+    told += [f"without a value in the recording, sent at rest: {', '.join(rest)}"] if rest else []
     told += [f"{target.suffix} does not hold {what}: {times} times" for what, times in lost.items()]
-    return ConvertedLog(
-        count, "frames", None, (*database.notes, *encoder.statistics.lines(), *told), encoder.statistics.document()
-    )
+    notes = (*recording.notes, *database.notes, *map(str, noted(crossed)), *encoder.statistics.lines(), *told)
+    return ConvertedLog(count, "frames", None, notes, encoder.statistics.document())
+
+
+def _in_units_of(database: Database, trace: Trace) -> tuple[Trace, list[Crossing]]:
+    """The trace with each signal in the unit that the database has for it, and how it got there.
+
+    Raises:
+        WiringError: it has one of another quantity.
+    """
+    units = {name: database.signal(name)[1].unit for name in trace.names}
+    crossed = {name: crossing(f"{trace.name}.{name}", named(trace.unit(name)), named(units[name])) for name in units}
+    signals = {name: how.conversion(trace[name]) for name, how in crossed.items()}
+    return Trace(trace.time, signals, {n: unit for n, unit in units.items() if unit}, trace.name), [*crossed.values()]
+
+
+def _resting(database: Database, wanted: Sequence[str]) -> list[str]:
+    """The signals that go along in the frames of those that are wanted; what protects or selects is made up rightly."""
+    sent = {(message.name, signal.name): message for message, signal in map(database.signal, wanted)}
+    return [
+        f"{message.name}.{signal.name}"
+        for message in dict.fromkeys(sent.values())
+        for signal in message.signals
+        if (message.name, signal.name) not in sent
+        and not signal.is_multiplexer
+        and (message.protection is None or signal.name not in (message.protection.counter, message.protection.checksum))
+    ]
 
 
 def streamed(source: Path, target: Path, layout: Layout, progress: Progress) -> ConvertedLog:

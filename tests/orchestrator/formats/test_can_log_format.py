@@ -204,7 +204,10 @@ def test_signals_of_components_find_theirs_in_a_database_and_others_are_named(tm
     path = database(tmp_path)
     path.write_text(path.read_text().replace("SG_ angle", "SG_ hand_angle"))
     command = ("trace", "convert", tmp_path / "a.parquet", tmp_path / "a.blf", "--dbc", path)
-    assert answer_of(*command)["notes"] == ["not in the database: extra"]
+    assert answer_of(*command)["notes"] == [
+        "not in the database: extra",
+        "without a value in the recording, sent at rest: State.speed",
+    ]
     back = formats.read(tmp_path / "a.blf", Layout(database=path, signals=["hand_angle"])).trace
     np.testing.assert_allclose(back["hand_angle"], time, atol=1e-6)
     formats.write(Trace(time, {"extra": time}), tmp_path / "a.parquet")

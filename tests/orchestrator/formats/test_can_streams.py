@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmus.errors import DatabaseError, TraceError
+from fmus.errors import DatabaseError, TraceError, WiringError
 from orchestrator import formats
 from orchestrator.formats import Layout, Recording, can_conversion
 from orchestrator.progress import silent
@@ -78,6 +78,24 @@ def test_whole_numbers_that_doubles_do_not_hold_are_told_of_logs_too(tmp_path: P
     assert read(path, database=dbc(tmp_path, "a", counter)).notes[-1] == (
         "whole numbers beyond 2^53 are rounded, as doubles are: 'count' to 256"
     )
+
+
+def test_a_recording_becomes_frames_in_the_units_of_the_database(tmp_path: Path) -> None:
+    base = dbc(tmp_path, "a", message("Rig", 291) + MESSAGE.partition("\n")[2].format(signal="rest", start=32))
+    source = tmp_path / "run.csv"
+    source.write_text("time,speed [rpm],odd\n2026-01-02T00:00:00Z,60,1\n2026-01-02T00:00:00.5Z,120,2\n")
+    done = can_conversion.convert(source, tmp_path / "run.blf", Layout(database=base), silent)
+    assert done.notes == (
+        "run.speed: rpm to rad/s, times 0.10472",
+        "not in the database: odd",
+        "without a value in the recording, sent at rest: Rig.rest",
+    )
+    back = formats.read(tmp_path / "run.blf", Layout(database=base))
+    assert back.trace["speed"].tolist() == pytest.approx([6.3, 12.6]) and back.trace["rest"].tolist() == [0, 0]
+    assert back.start == formats.read(source).start
+    source.write_text("time,speed [V]\n0,60\n1,120\n")
+    with pytest.raises(WiringError, match=r"run\.speed: V does not fit rad/s"):
+        can_conversion.convert(source, tmp_path / "run.blf", Layout(database=base), silent)
 
 
 def test_samples_that_are_missing_are_empty_cells(tmp_path: Path) -> None:
