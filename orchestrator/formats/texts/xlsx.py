@@ -14,8 +14,10 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fmus.errors import TraceError
-from fmus.words import excerpt
+from fmus.words import excerpt, listed
 from orchestrator.formats.layout import Layout
 from orchestrator.formats.recording import Recording
 from orchestrator.formats.texts.reading import read_text
@@ -59,6 +61,9 @@ def read(path: Path, layout: Layout) -> Recording:
     recording = read_text(io.BytesIO(text.getvalue().encode()), plain, path)
     assert recording.layout is not None
     notes = [f"its sheet '{sheet}' is read, not {', '.join(map(repr, others[:20]))}"] if others else []
+    empty = [name for name, values in recording.trace.signals.items() if np.isnan(values).all()]
+    if empty:
+        notes.append(f"has no value of {listed(empty)}; those of formulas come when a spreadsheet saves them")
     seen = replace(recording.layout, separator=None, decimal=None, encoding=None)
     return replace(recording, layout=seen, notes=(*notes, *recording.notes))
 

@@ -173,6 +173,18 @@ def test_stamps_of_numpy_that_are_missing_are_refused_and_durations_are_times(tm
 
 
 @pytest.mark.needs("formats")
+def test_formulas_without_values_are_told(tmp_path: Path) -> None:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    for row in (["time", "n", "twice"], [0, 1.5, "=2*B2"], [1, 2.5, "=2*B3"]):
+        book.active.append(row)
+    book.save(tmp_path / "x.xlsx")
+    (note,) = read(tmp_path / "x.xlsx").notes
+    assert note.startswith("has no value of twice; those of formulas come when")
+
+
+@pytest.mark.needs("formats")
 def test_packed_numbers_of_hdf5_are_what_they_stand_for(tmp_path: Path) -> None:
     import h5py
 
