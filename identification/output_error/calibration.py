@@ -303,7 +303,7 @@ def _fit(prepared: PreparedStudy, watch: Watch) -> Estimate:
     declared = study.parameters
     parameters = tuple(replace(parameter, unit=prepared.units[parameter.name]) for parameter in declared.parameters)
     problem = _problem(study, weighed(study, windows), replace(declared, parameters=parameters), study.loss)
-    options, factory = _options(study, assembled, problem), _factory(study, assembled, windows)
+    options, factory = _options(study, assembled, problem, windows), _factory(study, assembled, windows)
     shot = None
     if (shots := prepared.shots) is not None:
         segments = replace(factory, windows=shots.windows, outputs=shots.recorded)
@@ -311,12 +311,14 @@ def _fit(prepared: PreparedStudy, watch: Watch) -> Estimate:
     return estimate(problem, factory, options, watch, shot)
 
 
-def _options(study: OutputErrorStudy, assembled: Assembled, problem: Problem) -> SearchOptions:
+def _options(
+    study: OutputErrorStudy, assembled: Assembled, problem: Problem, windows: Sequence[FreeRunWindow]
+) -> SearchOptions:
     """The study's, with as many processes as are worth their start: one where our own models run for short.
 
     Others may crash or hang, and would take the command with them.
     """
-    steps = len(assembled.files) * sum(len(window.measured) for window in problem.windows)
+    steps = len(assembled.files) * sum(window.count for window in windows)
     unknowns = len(problem.parameters.free) + len(problem.estimated)
     passes = study.options.starts * _ROUNDS * (1 + unknowns) if unknowns else 1
     trusted = len(assembled.built) == len(assembled.files) and study.options.intervals.by == "local"
@@ -334,7 +336,7 @@ def judge(
     """Free runs over these windows, with these values over the study's; estimated initial states are fitted."""
     fixed = ParameterSet(tuple(Parameter(name, value, fixed=True) for name, value in values.items()))
     problem = _problem(study, evenly_weighed(windows), fixed, Loss())
-    found = predict(problem, _factory(study, assembled, windows), _options(study, assembled, problem))
+    found = predict(problem, _factory(study, assembled, windows), _options(study, assembled, problem, windows))
     return Judged(study.outputs, tuple(windows), found.simulated, found.fit)
 
 

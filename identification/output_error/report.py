@@ -140,10 +140,10 @@ def _frequency_response(section: Section, calibration: Calibration, judged: Judg
 def _gains(window: FreeRunWindow, simulated: FloatArray) -> tuple[float, float, float] | None:
     """Strongest frequency of the first input [rad/s] and the gains of the first output there, measured and simulated;
     None where the window holds no sine."""
-    driven = next(iter(window.stimuli.values()))[window.rows]
+    driven = next(iter(window.stimuli.values()))
     try:
         start = dominant_frequency(driven, float(window.step))
-        cause = fit_sine(window.time, driven, start, refine=True)
+        cause = fit_sine(window.run_time, driven, start, refine=True)
         measured, free = (fit_sine(window.time, y[:, 0], cause.frequency) for y in (window.measured, simulated))
     except IdentificationError:
         return None

@@ -143,7 +143,7 @@ class _Readings:
 
 def _readings(windows: Sequence[FreeRunWindow], column: int, derivative: int, half_width: float) -> _Readings | None:
     """None where windows are too short."""
-    step = float(windows[0].step)
+    step = max(float(np.median(np.diff(window.time))) for window in windows)
     count = max(_FEWEST, math.ceil(2 * half_width / step) + 1)
     if min(len(window.measured) for window in windows) < count:
         return None

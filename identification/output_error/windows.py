@@ -30,9 +30,9 @@ from identification.output_error.times.delays import (
     KnownDelay,
     LinearCommand,
     StartReading,
-    compared_rows,
     known,
 )
+from identification.output_error.times.instants import at_own_samples, every_step, own_samples, read_at_steps, sampled
 from identification.output_error.times.spans import Samples, lasting, on_raster, rounded, stated
 from identification.recordings.campaign import StudyTrace
 from identification.recordings.marks import nothing_left, require_known, sound
@@ -82,10 +82,11 @@ def cut_windows(
             raise WiringError(f"{error.place} of {recorded.place}", error.problem, error.fix) from error
         starts = _starts(own, trace, placing, _barred(own, marks, placing.length))
         marked += [] if starts else [recorded]
-        steps = [resolution(trace[s.signal]) * abs(s.conversion.factor) for s in own.outputs.values()]
+        own_stamps = at_own_samples(recorded, run.step)
+        counts = np.array([resolution(trace[s.signal]) * abs(s.conversion.factor) for s in own.outputs.values()])
         cut += [
             replace(
-                _window(own, trace, start, placing.length, constants), crossings=crossed, resolution=np.array(steps)
+                _window(own, trace, start, placing.length, constants, own_stamps), crossings=crossed, resolution=counts
             )
             for start in starts
         ]
@@ -162,15 +163,13 @@ def _reach(run: FreeRunSpec) -> Iterator[tuple[str, float, float]]:
         yield start.signal, -delay.highest, lasting(start.half_width, 0.0) - delay.lowest
 
 
-def _rows(run: FreeRunSpec, length: Fraction) -> tuple[int, slice]:
-    """How many instants a free run has, and which of them are compared."""
-    count = multiples(length, run.step, "windows.length") + 1
-    return count, compared_rows(run.late, run.step, count)
+def _count(run: FreeRunSpec, length: Fraction) -> int:
+    """How many instants a free run has."""
+    return multiples(length, run.step, "windows.length") + 1
 
 
 def _check_rows(run: FreeRunSpec, length: Fraction) -> None:
-    count, rows = _rows(run, length)
-    if len(range(count)[rows]) < 2:
+    if len(every_step(run.late, run.step, _count(run, length))) < 2:
         raise ScenarioError(
             "windows.length",
             "leaves nothing to compare once the outputs' delays are taken off",
@@ -213,9 +212,14 @@ def _on_raster(instant: float, step: Fraction) -> Fraction:
 
 
 def _window(
-    run: FreeRunSpec, trace: Trace, start: Fraction, length: Fraction, constants: Mapping[str, Value]
+    run: FreeRunSpec,
+    trace: Trace,
+    start: Fraction,
+    length: Fraction,
+    constants: Mapping[str, Value],
+    own_stamps: bool,
 ) -> FreeRunWindow:
-    count, rows = _rows(run, length)
+    count = _count(run, length)
     raster = np.asarray(float(start) + np.arange(count) * float(run.step), dtype=float)
     read = {name: _reading(run, trace, float(start), spec) for name, spec in run.initial.items()}
     commands = {
@@ -224,20 +228,21 @@ def _window(
         if spec.delay is not None
     }
     late = {name: command.values(raster, command.delay.start) for name, command in commands.items()}
-    prompt = {name: _sampled(trace, spec, raster, 0.0) for name, spec in run.inputs.items() if spec.delay is None}
-    measured = [_sampled(trace, spec, raster[rows], known(spec.delay)) for spec in run.outputs.values()]
+    prompt = {name: sampled(trace, spec, raster, 0.0) for name, spec in run.inputs.items() if spec.delay is None}
+    compared = (own_samples if own_stamps else read_at_steps)(run, trace, float(start), count)
     return FreeRunWindow(
         name=f"{trace.name} at {float(start):.2f} s",
         trace=trace.name,
-        measured=np.column_stack(measured),
-        weight=np.ones(len(measured)),
+        measured=compared.measured,
+        weight=np.ones(len(run.outputs)),
         start=float(start),
         step=run.step,
         count=count,
-        rows=rows,
+        at=compared.at,
         stimuli=prompt | late,
         commands=commands,
-        delays=tuple(spec.delay if isinstance(spec.delay, Estimated) else None for spec in run.outputs.values()),
+        delays=compared.delays,
+        stepwise=frozenset(i for i, spec in enumerate(run.outputs.values()) if spec.stepwise),
         initial={name: reading.value(reading.delay.start) for name, reading in read.items()},
         readings={
             name: reading
@@ -246,13 +251,6 @@ def _window(
         },
         constants=constants,
     )
-
-
-def _sampled(trace: Trace, spec: TraceSignal, instants: FloatArray, delay: float) -> FloatArray:
-    """(K,) what the trace shows of a variable at these instants [s], that much later; its ends last."""
-    if spec.stepwise:
-        return HeldCommand(trace.time, spec.conversion(trace[spec.signal])).at(instants + delay)
-    return np.asarray(np.interp(instants + delay, trace.time, spec.conversion(trace[spec.signal])))
 
 
 def _command(spec: TraceSignal, delay: Delay, trace: Trace, raster: FloatArray, step: float) -> Command:

@@ -16,7 +16,8 @@ from identification.output_error.free_runs.simulator import SystemFactory, Syste
 from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
 from identification.output_error.search.options import IntervalOptions
-from identification.output_error.times.delays import Estimated, compared_rows
+from identification.output_error.times.delays import Estimated
+from identification.output_error.times.instants import every_step
 from identification.signals.resolution import resolution
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, SystemSpec, assemble
 from orchestrator.engine import Timing
@@ -81,15 +82,15 @@ class Rig:
         """One without what is measured."""
         time = np.arange(self.samples) * float(self.step)
         delays = (self.latency,) * len(self.outputs)
-        rows = compared_rows(delays, self.step, self.samples)
-        shape = (len(range(self.samples)[rows]), len(self.outputs))
+        at = every_step(delays, self.step, self.samples)
+        shape = (len(at), len(self.outputs))
         return FreeRunWindow(
             name=str(window),
             trace="rig",
             start=0.0,
             step=self.step,
             count=self.samples,
-            rows=rows,
+            at=at,
             stimuli={self.driven: self.stimulus(window, time)},
             commands={},
             measured=np.zeros(shape),

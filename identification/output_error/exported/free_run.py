@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from fmus.files import RawMap
 from fmus.packaging import archive
 from fmus.parameters.write_back import description_of, is_ours
 from identification.estimation.groups import own_values
-from identification.output_error.calibration import Calibration
+from identification.output_error.calibration import Calibration, judge
 from identification.output_error.exported.latencies import Latency, latencies
 from identification.output_error.free_runs.window import FreeRunWindow
-from identification.output_error.times.delays import Estimated
+from identification.output_error.times.delays import Estimated, estimated
+from identification.output_error.times.instants import every_step
 from orchestrator import formats
 from orchestrator.assembly.assembly import ComponentSpec
 from orchestrator.fmi.interface import Value
@@ -36,10 +38,10 @@ CLOSE = "1 %"  # of the range: what a latency's past before the window, of which
 def write_free_run(calibration: Calibration, folder: Path, target: Path) -> None:
     """Write the first fitted window as a scenario and, where components are connected, as an SSP."""
     run = _FreeRun(calibration, folder)
-    for name, columns, rows in ((COMMANDS, run.commands(), slice(None)), (OUTPUTS, run.outputs(), run.window.rows)):
+    for name, columns, time in ((COMMANDS, run.commands(), run.time), (OUTPUTS, run.outputs(), run.compared)):
         if columns:
             units = {signal: unit for signal in columns if (unit := run.unit(signal)) is not None}
-            formats.write(Trace(run.time[rows], columns, units), folder / name)
+            formats.write(Trace(time, columns, units), folder / name)
     document = run.document()
     (folder / SCENARIO).write_bytes(text_of(document))
     if document["connections"]:
@@ -54,10 +56,11 @@ class _FreeRun:
 
     def __init__(self, calibration: Calibration, folder: Path) -> None:
         self.calibration, self.folder = calibration, folder
-        self.window: FreeRunWindow = calibration.train.windows[0]
+        self.window, self.simulated = _at_every_step(calibration)
         self.values = own_values(calibration.study.grouped, self.window.trace, calibration.estimate.values)
         self.late = {one.end: one for one in latencies(calibration) if not one.obstacle}
         self.time = np.asarray(np.arange(self.window.count) * float(self.window.step))
+        self.compared = self.time[self.window.at.astype(np.int64)]
 
     def unit(self, name: str) -> str | None:
         """The unit of a variable; None where a latency's component stands for it, or it has none."""
@@ -73,8 +76,7 @@ class _FreeRun:
 
     def outputs(self) -> dict[str, FloatArray]:
         """component.output -> (K',) what the study predicts of it."""
-        [simulated, *_] = self.calibration.train.simulated
-        return dict(zip(self.calibration.train.outputs, simulated.T, strict=True))
+        return dict(zip(self.calibration.train.outputs, self.simulated.T, strict=True))
 
     def document(self) -> RawMap:
         """The scenario."""
@@ -158,8 +160,8 @@ class _FreeRun:
 
     def _expected(self) -> list[RawMap]:
         """That the run is the study's, where an output moves."""
-        rows = self.time[self.window.rows]
-        part = {} if len(rows) == len(self.time) else {"after": float(rows[0]), "before": float(rows[-1])}
+        first, last = float(self.compared[0]), float(self.compared[-1])
+        part = {} if len(self.compared) == len(self.time) else {"after": first, "before": last}
         return [
             {"signal": self._compared(name), **part, "reference": {"file": OUTPUTS, "signal": name}}
             | {"nrmse": {"at_most": CLOSE}}
@@ -171,6 +173,21 @@ class _FreeRun:
         """What the study's prediction of an output is of: itself where its delay is known, for stamps are corrected."""
         spec = self.calibration.study.run.outputs[name]
         return self._outside(name) if isinstance(spec.delay, Estimated) else name
+
+
+def _at_every_step(calibration: Calibration) -> tuple[FreeRunWindow, FloatArray]:
+    """The first fitted window, and its free run (K', m) at every step, also where a recording comes less often."""
+    study, window = calibration.study, calibration.train.windows[0]
+    at, delays = every_step(window.delays, window.step, window.count), estimated(window.delays)
+    if np.array_equal(at, window.at):
+        return window, calibration.train.simulated[0]
+    found = {name: float(values[0]) for name, values in calibration.estimate.initial_states.items()}
+    nothing = np.zeros((len(at), len(study.outputs)))
+    whole = replace(window, at=at, delays=delays, measured=nothing, initial={**window.initial, **found})
+    known = {name: replace(spec, estimated=False) for name, spec in study.run.initial.items()}
+    asked = replace(study, run=replace(study.run, initial=known))
+    judged = judge(asked, calibration.system.assembled, [whole], calibration.estimate.values)
+    return whole, judged.simulated[0]
 
 
 def _fmu(component: str) -> str:

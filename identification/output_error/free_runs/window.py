@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from identification.output_error.search.problem import Window
-from identification.output_error.times.delays import Command, Estimated, StartReading, late_outputs
+from identification.output_error.times.delays import Command, Delay, StartReading, late_outputs
 from orchestrator.crossing import Crossing
 from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
@@ -23,26 +23,29 @@ class FreeRunWindow(Window):
         start: where in the trace it begins [s].
         step: between two instants [s].
         count: instants of the free run, K.
-        rows: those that are compared, K'; all where no output has a delay.
+        at: (K',) when outputs are compared, in steps from its beginning: all instants, or samples of a recording that
+            come less often, but for those that a delay leaves out.
         stimuli: component.input -> (K,) values; of delayed ones, with the delay that the study starts from.
         commands: the inputs that count by their means over each step: the delayed ones, and others that are to.
-        delays: of the outputs those that are parameters, None for those of which all is known.
+        delays: of the outputs those that free runs bring, as parameters are; None where stamps are corrected.
         initial: component.variable -> measured start value, with the delay that the study starts from.
         readings: those that are read off a delayed output.
         constants: component.variable -> value that holds for this trace.
+        stepwise: columns of outputs that change in steps.
         crossings: how its signals got to the units of the variables.
     """
 
     start: float
     step: Fraction
     count: int
-    rows: slice
+    at: FloatArray
     stimuli: Mapping[str, FloatArray]
     commands: Mapping[str, Command]
-    delays: tuple[Estimated | None, ...]
+    delays: tuple[Delay | None, ...]
     initial: Mapping[str, float]
     readings: Mapping[str, StartReading]
     constants: Mapping[str, Value]
+    stepwise: frozenset[int] = frozenset()
     crossings: tuple[Crossing, ...] = ()
 
     @property
@@ -53,7 +56,11 @@ class FreeRunWindow(Window):
     @property
     def time(self) -> FloatArray:
         """(K',) instants that are compared in the trace's time [s]."""
-        return np.asarray(self.run_time[self.rows])
+        return np.asarray(self.start + self.at * float(self.step))
+
+    @property
+    def steps(self) -> FloatArray:
+        return self.at
 
     @property
     def stop(self) -> Fraction:
@@ -74,4 +81,4 @@ class FreeRunWindow(Window):
     def recorded(self, simulated: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """(K', m) what would have been recorded of a free run's outputs (K, m), with delays of these values."""
         delays = [None if delay is None else delay.at(values) for delay in self.delays]
-        return late_outputs(simulated, float(self.step), delays, self.rows)
+        return late_outputs(simulated, float(self.step), delays, self.at, self.stepwise)

@@ -49,6 +49,11 @@ class Window(ReadOnlyArrays):
         if not np.all((self.weight > 0) & np.isfinite(self.weight)):
             raise IdentificationError(self.name, "a weight is not positive", "weigh every output above 0")
 
+    @property
+    def steps(self) -> FloatArray:
+        """(K,) when the measured instants are, in steps of the free run."""
+        return np.arange(len(self.measured), dtype=np.float64)
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:

@@ -43,8 +43,8 @@ def require_whole(shots: Shots, problem: Problem, pool: Pool, guesses: FloatArra
         if begun is None or rest is None or both is None:
             continue  # a run that leaves the recordings tells nothing of that
         own, window = shots.windows[firsts[w] + 1], problem.windows[w]
-        offset = round((own.start - shots.windows[pairs[w]].start) / float(own.step))
-        offset += own.rows.start - shots.windows[pairs[w]].rows.start
+        later = (own.start - shots.windows[pairs[w]].start) / float(own.step) + own.at[0]
+        offset = int(np.argmin(np.abs(shots.windows[pairs[w]].at - later)))
         apart = np.abs(rest - both[offset : offset + len(rest)])
         outputs = (window.weight * apart[:, : -len(sizes)]).max(axis=0) / moving
         states = np.divide(apart[-1, -len(sizes) :], sizes, out=np.zeros(len(sizes)), where=sizes > 0)

@@ -51,20 +51,19 @@ def instants(window: FreeRunWindow, count: int) -> NDArray[np.int64]:
 
 def part(window: FreeRunWindow, a: int, b: int, ends: tuple[int, ...], place: str) -> Segment:
     """The window from instant `a` to `b` of its free run, which itself is compared at the window's end alone."""
-    shown = range(window.count)[window.rows]
-    reach = range(b - a + 1)[compared_rows(list(window.delays), window.step, b - a + 1)]
-    first = max(a + reach[0], shown[0]) if reach else b
-    stop = min(a + reach[-1] + 1, shown[-1] + 1, b + (b == window.count - 1)) if reach else b
-    if stop - first < 2:
-        problem = f"leaves segments of {window.name} with {max(stop - first, 0)} instants to compare"
+    at, reach = window.at - a, range(b - a + 1)[compared_rows(window.delays, window.step, b - a + 1)]
+    within = (at >= reach[0]) & (at <= reach[-1]) if reach else np.zeros(len(at), np.bool_)
+    kept = within & ((at < b - a) | (b == window.count - 1))
+    if np.count_nonzero(kept) < 2:
+        problem = f"leaves segments of {window.name} with {np.count_nonzero(kept)} instants to compare"
         raise IdentificationError(place, problem, "cut into fewer and longer ones")
     own = {field.name: getattr(window, field.name) for field in fields(FreeRunWindow)}
     changed = {
         "name": f"{window.name}, segment from {window.start + a * float(window.step):.4g} s",
-        "measured": window.measured[first - shown[0] : stop - shown[0]],
+        "measured": window.measured[kept],
         "start": window.start + a * float(window.step),
         "count": b - a + 1,
-        "rows": slice(first - a, stop - a),
+        "at": at[kept],
         "stimuli": {name: values[a : b + 1] for name, values in window.stimuli.items()},
         "readings": {} if a else window.readings,
     }

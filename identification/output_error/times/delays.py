@@ -8,7 +8,7 @@ smoothly, as it moves commands, so that it can be estimated.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -70,14 +70,19 @@ def known(delay: Delay | None) -> float:
     return delay.seconds if isinstance(delay, KnownDelay) else 0.0
 
 
+def estimated(outputs: Iterable[Delay | None]) -> tuple[Delay | None, ...]:
+    """The delays of outputs that are parameters, None for those that stamps are corrected by."""
+    return tuple(delay if isinstance(delay, Estimated) else None for delay in outputs)
+
+
 def compared_rows(outputs: Iterable[Delay | None], step: Fraction, count: int) -> slice:
     """Which of a free run's `count` instants are compared: those whose outputs lie within the run for every delay.
 
     Args:
-        outputs: their delays.
+        outputs: their delays, None where stamps are corrected.
         step: between two instants [s].
     """
-    delays = [delay for delay in outputs if isinstance(delay, Estimated)]
+    delays = [delay for delay in outputs if delay is not None]
     late = max((delay.highest for delay in delays), default=0.0)
     early = max((-delay.lowest for delay in delays), default=0.0)
     return slice(_steps(late, step), max(count - _steps(early, step), 0))
@@ -179,15 +184,28 @@ class StartReading:
         return float(self.curve(self.at + delay))
 
 
-def late_outputs(simulated: FloatArray, step: float, delays: Sequence[float | None], rows: slice) -> FloatArray:
-    """(K', m) what is recorded of outputs (K, m) at the instants `rows`, each by its delay [s].
+def late_outputs(
+    simulated: FloatArray,
+    step: float,
+    delays: Sequence[float | None],
+    instants: FloatArray,
+    stepwise: Collection[int] = (),
+) -> FloatArray:
+    """(K', m) what is recorded of outputs (K, m) at these instants (K',) [steps], each by its delay [s].
 
     Between the instants of the free run an output is the cubic through its values, with central differences as
     slopes: exact for parabolas. An output without a delay (None) is taken as it is.
+
+    Args:
+        stepwise: outputs that keep their value until the next instant, where they are not delayed by a parameter.
     """
     time = np.asarray(np.arange(len(simulated)) * step, dtype=float)
+    rows = np.floor(instants).astype(np.int64)
+    whole = np.array_equal(rows, instants)
     columns = [
-        simulated[rows, i] if delay is None else _curve(time, simulated[:, i])(time[rows] - delay)
+        simulated[rows, i]
+        if delay is None and (whole or i in stepwise)
+        else _curve(time, simulated[:, i])(instants * step - (delay or 0.0))
         for i, delay in enumerate(delays)
     ]
     return np.column_stack(columns)

@@ -31,13 +31,13 @@ class OutputLateness:
 
     Attributes:
         outputs: those that are.
-        samples, std: how late, and how surely; negative where they are early.
+        steps, std: how late, and how surely; negative where they are early.
         explained: share of the residuals' power.
         moved: parameter -> by how many of its standard deviations the estimate goes with it.
     """
 
     outputs: tuple[str, ...]
-    samples: float
+    steps: float
     std: float
     explained: float
     moved: Mapping[str, float]
@@ -66,11 +66,11 @@ def lateness(
 
 
 def _delayed(problem: Problem, blocks: Sequence[WindowBlock]) -> Iterator[tuple[tuple[str, ...], list[FloatArray]]]:
-    """Outputs, and by how much a window's residuals (K m,) go with their delay by a sample."""
+    """Outputs, and by how much a window's residuals (K m,) go with their delay by a step."""
     count, slopes = len(problem.outputs), []
     for window, block in zip(problem.windows, blocks, strict=True):
         weighted = window.weight * window.measured + block.residual.reshape(window.measured.shape)
-        slopes.append(-np.gradient(weighted, axis=0))
+        slopes.append(-np.gradient(weighted, window.steps, axis=0))
     for own in [*np.eye(count), *([np.ones(count)] if count > 1 else [])]:
         names = tuple(name for name, kept in zip(problem.outputs, own, strict=True) if kept)
         yield names, [(own * slope).ravel() for slope in slopes]
@@ -107,20 +107,16 @@ class _DelayTrial:
         power = float(own @ own)
         if not power > _SEEN**2 * sum(float(one @ one) for one in delayed):
             return None
-        samples = -float(own @ self._residual) / power
-        left = self._residual + samples * own
-        moved = self._moved(-samples * column)
-        if abs(samples) < _CERTAIN * float(np.std(left)) / np.sqrt(power) or max(map(abs, moved.values())) < _MOVED:
+        steps = -float(own @ self._residual) / power
+        left = self._residual + steps * own
+        moved = self._moved(-steps * column)
+        if abs(steps) < _CERTAIN * float(np.std(left)) / np.sqrt(power) or max(map(abs, moved.values())) < _MOVED:
             return None
         explained = 1 - float(left @ left) / float(self._residual @ self._residual)
         found = self._covariance(delayed, left)
         std = float(np.sqrt(found.matrix[-1, -1]))
         likely = explained > _EXPLAINED or found.is_white
-        return (
-            OutputLateness(outputs, samples, std, explained, moved)
-            if likely and abs(samples) > _CERTAIN * std
-            else None
-        )
+        return OutputLateness(outputs, steps, std, explained, moved) if likely and abs(steps) > _CERTAIN * std else None
 
     def _of_all(self, columns: Sequence[FloatArray], before: FloatArray) -> FloatArray:
         """(N,) what start values do not explain of windows' columns (K m,), and below that of what is known before."""
@@ -138,7 +134,7 @@ class _DelayTrial:
         return dict(zip((one.name for one in self._problem.parameters.free), shares.tolist(), strict=True))
 
     def _covariance(self, delayed: Sequence[FloatArray], left: FloatArray) -> Covariance:
-        """Of the parameters and, last, a delay [samples] that leaves these residuals."""
+        """Of the parameters and, last, a delay [steps] that leaves these residuals."""
         ends = np.cumsum([len(block.residual) for block in self._windows])
         triples = zip(self._windows, np.split(left, ends), delayed, strict=False)
         blocks = [

@@ -31,8 +31,8 @@ def rate_warnings(
     """A sentence about each input and output whose samples and steps do not go together, by the worst trace.
 
     Of an input the value at the beginning of each step counts, along lines between samples; that is held against the
-    exact means of samples that hold until the next. Outputs are compared along lines, which cut their curves by about
-    an eighth of the second difference. One that holds its values over several samples of its file is late.
+    exact means of samples that hold until the next. Outputs of frames are compared along lines, which cut their curves
+    by about an eighth of the second difference. One that holds its values over several samples of its file is late.
 
     Args:
         late: how late outputs seem to be recorded, where residuals speak for it.
@@ -55,7 +55,8 @@ def rate_warnings(
                 "measured"
             )
     for name, output in run.outputs.items():
-        coarse = [one.trace for one in traces if one.trace.interval >= _COARSE * step and not output.stepwise]
+        frames = [one.trace for one in traces if one.held and not output.stepwise]
+        coarse = [trace for trace in frames if trace.interval >= _COARSE * step]
         trace, much = _worst({one: _cut(one, output.signal, own[one.name]) for one in coarse})
         if trace is not None:
             yield (
@@ -77,7 +78,7 @@ def rate_warnings(
 
 def _delay_warning(late: OutputLateness, step: float) -> str:
     """A sentence about a delay that nobody has told, with outputs compared every `step` [s]."""
-    seconds, std = late.samples * step, late.std * step
+    seconds, std = late.steps * step, late.std * step
     which = "earlier" if seconds < 0 else "later"
     moved = max(late.moved, key=lambda name: abs(late.moved[name]))
     mending = "say so by its `delay`, or that of the inputs, as a value or as a parameter"

@@ -147,7 +147,7 @@ class Peer:
             hand.setReal(torque_in, motor.getReal(torque_out))
             hand.doStep(k * step, step)
             angle, speed = hand.getReal(state)
-        simulated = np.array(angles)[window.rows, None]
+        simulated = np.array(angles)[window.at.astype(int), None]
         return np.asarray((window.weight * (simulated - window.measured)).ravel())
 
     @contextmanager

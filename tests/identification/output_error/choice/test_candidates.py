@@ -121,7 +121,7 @@ def test_a_run_is_compared_at_the_instants_that_suit_the_delays_of_those_beside_
         for run in (plain.run, replace(plain.run, beside=(late.run,)))
     )
     lag = round(LAG["max"] / STEP)
-    assert [window.rows for window in beside] == [slice(lag, COUNT - lag)] * len(beside)
+    assert [window.at.tolist() for window in beside] == [[*range(lag, COUNT - lag)]] * len(beside)
     assert [len(window.measured) for window in alone] == [COUNT] * len(alone)
 
 

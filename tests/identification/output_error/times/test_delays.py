@@ -250,15 +250,17 @@ def test_late_readings_are_exact_for_parabolas_each_with_its_own_delay(delay: fl
     time, rows = np.arange(21) * 0.1, slice(3, 19)
     first, second = (np.polynomial.Polynomial(c) for c in np.random.default_rng(seed).normal(size=(2, 3)))
     outputs = np.column_stack([first(time), second(time), first(time)])
-    found = late_outputs(outputs, 0.1, [delay, None, 0.1], rows)
+    found = late_outputs(outputs, 0.1, [delay, None, 0.1], np.arange(21.0)[rows])
     expected = np.column_stack([first(time - delay), second(time), first(time - 0.1)])[rows]
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_late_readings_of_three_instants_are_exact_for_parabolas_and_of_two_for_lines() -> None:
     time = np.arange(3) * 0.1
-    assert late_outputs((time**2)[:, None], 0.1, [0.05], slice(1, 3)).ravel() == pytest.approx([0.05**2, 0.15**2])
-    assert late_outputs(time[:2, None], 0.1, [0.03], slice(1, 2)).ravel() == pytest.approx([0.07])
+    assert late_outputs((time**2)[:, None], 0.1, [0.05], np.array([1.0, 2.0])).ravel() == pytest.approx(
+        [0.05**2, 0.15**2]
+    )
+    assert late_outputs(time[:2, None], 0.1, [0.03], np.array([1.0])).ravel() == pytest.approx([0.07])
 
 
 def test_a_delayed_command_counts_by_its_mean_and_one_without_a_delay_by_its_value() -> None:
@@ -294,7 +296,8 @@ def test_windows_end_where_the_last_corrected_recording_does() -> None:
 
 def test_as_many_instants_are_compared_for_every_delay_within_the_bounds() -> None:
     window = cut(outputs=LATE, parameters=late())
-    assert window.rows == slice(3, 99) and len(window.run_time) == 101
+    np.testing.assert_array_equal(window.at, np.arange(3, 99))
+    assert len(window.run_time) == 101
     np.testing.assert_allclose(window.time, 0.5 + np.arange(3, 99) * 0.01)
     np.testing.assert_allclose(window.measured[:, 0], window.time**2)
     for delay in (-0.013, 0.0, 0.021):
@@ -305,20 +308,21 @@ def test_as_many_instants_are_compared_for_every_delay_within_the_bounds() -> No
 def test_a_known_delay_of_an_output_corrects_its_stamps() -> None:
     """Nothing is cut off for it, and a window can begin as early as the corrected recording does."""
     window = cut(outputs={"hand.angle": {"signal": "angle", "delay": "1/250"}})
-    assert window.rows == slice(0, 101)
-    np.testing.assert_allclose(window.measured[:, 0], (window.time + 0.004) ** 2, atol=3e-5)  # linear between samples
-    simulated = np.arange(101.0)[:, None]
-    np.testing.assert_array_equal(window.recorded(simulated, {}), simulated)
+    np.testing.assert_allclose(window.at, np.arange(1, 101) - 0.4)  # the samples, no instants of the free run
+    np.testing.assert_allclose(window.measured[:, 0], (window.time + 0.004) ** 2)
+    np.testing.assert_allclose(window.recorded(window.run_time[:, None] ** 2, {})[:, 0], window.time**2)
     early = cut(outputs={"hand.angle": {"signal": "angle", "delay": 0.025}}, windows={"length": 1})
-    assert early.start == -0.02 and early.measured[0, 0] == pytest.approx(0.005**2, abs=3e-5)
+    assert early.start == -0.02 and early.measured[0, 0] == pytest.approx(0.01**2)
     assert early.driven({})["motor.voltage"][0] == 0  # before its first stamp a command has its first value
 
 
 def test_a_fixed_parameter_is_a_delay_too_and_a_tied_one_follows() -> None:
     fixed = late(start=-0.02, min=None, max=None, fixed=True)
-    assert cut(outputs=LATE, parameters=fixed).rows == slice(0, 99)
+    assert cut(outputs=LATE, parameters=fixed).at.tolist() == [*range(99)]
     twice = {"hand.angle": {"signal": "angle", "delay": "twice"}}
-    assert cut(outputs=twice, parameters=late() | {"twice": {"tied": "lag", "factor": -2}}).rows == slice(3, 96)
+    assert cut(outputs=twice, parameters=late() | {"twice": {"tied": "lag", "factor": -2}}).at.tolist() == [
+        *range(3, 96)
+    ]
 
 
 def test_a_factor_brings_recordings_to_the_units_of_variables() -> None:

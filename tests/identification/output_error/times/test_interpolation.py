@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def wave(every: float) -> StudyTrace:
 
 
 def predicted(tmp_path: Path, **keys: Any) -> FloatArray:
-    """(K,) the study's prediction of the lag's output."""
+    """(K,) the study's prediction of the lag's output, at every step."""
     (tmp_path / "lag.py").write_text(LAG)
     block = OutputErrorBlock.model_validate(
         study(
@@ -58,7 +59,10 @@ def predicted(tmp_path: Path, **keys: Any) -> FloatArray:
         )
     )
     asked = block.study(block.system(tmp_path), block.source(tmp_path))
-    windows = cut_windows(asked.run, [wave(EVERY)], asked.windows)
+    windows = [
+        replace(window, at=np.arange(float(window.count)), measured=np.zeros((window.count, 1)))
+        for window in cut_windows(asked.run, [wave(EVERY)], asked.windows)
+    ]
     judged = judge(asked, assemble(asked.system, tmp_path, ["lag.v"]), windows, {"lag.time": 0.05})
     return np.asarray(judged.simulated[0][:, 0])
 

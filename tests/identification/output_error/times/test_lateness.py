@@ -67,7 +67,7 @@ def test_a_delay_that_nobody_tells_is_found_with_its_uncertainty(
 ) -> None:
     found = fitted(late, loss=loss).late
     assert found is not None and found.outputs == outputs
-    assert abs(found.samples - late[1]) < 4 * found.std < abs(late[1])
+    assert abs(found.steps - late[1]) < 4 * found.std < abs(late[1])
     assert max(map(abs, found.moved.values())) > 1 and 0 < found.explained < 1
 
 
@@ -83,7 +83,7 @@ def test_a_delay_that_is_a_parameter_is_told_no_more() -> None:
 
 def test_its_deviation_is_how_it_scatters() -> None:
     found = [fitted((LATE, LATE), seed).late for seed in range(40)]
-    sizes = np.array([one.samples for one in found if one is not None])
+    sizes = np.array([one.steps for one in found if one is not None])
     stds = np.array([one.std for one in found if one is not None])
     assert len(sizes) == 40 and 0.7 < sizes.std(ddof=1) / stds.mean() < 1.4
 
@@ -95,7 +95,7 @@ def test_what_is_known_before_takes_part_in_it() -> None:
         late = fitted((LATE, LATE), free=ParameterSet((Parameter("m.size", 1.05), known))).late
         assert (late is not None) is told
         assert late is None or (
-            late.std < 0.9 * fitted((LATE, LATE)).late.std and abs(late.samples - LATE) < 4 * late.std
+            late.std < 0.9 * fitted((LATE, LATE)).late.std and abs(late.steps - LATE) < 4 * late.std
         )
 
 

@@ -16,6 +16,9 @@ from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import calibrated, plain_study, record, write_study
 
 
+HELD = {"motor.voltage": {"signal": "voltage", "interpolation": "hold"}}
+
+
 def recorded(every: float, rate: float = 7.0) -> StudyTrace:
     """4 s of a voltage with a level of its own every 50 ms, and of an angle that swings at `rate` [rad/s]."""
     time = np.asarray(np.arange(round(4 / every) + 1) * every, dtype=np.float64)
@@ -24,11 +27,11 @@ def recorded(every: float, rate: float = 7.0) -> StudyTrace:
     return StudyTrace(trace, {}, Path(f"{every}.csv"), "", "even", values={"hand.added_mass": 0.0})
 
 
-def told(every: float, step: float, rate: float = 7.0, **keys: str) -> list[str]:
+def told(every: float, step: float, rate: float = 7.0, frames: bool = False, **keys: str) -> list[str]:
     asked = plain_study(
         step=step, windows={"length": 2}, initial={}, inputs={"motor.voltage": {"signal": "voltage", **keys}}
     )
-    one = recorded(every, rate)
+    one = replace(recorded(every, rate), held=frames)
     return list(rate_warnings(asked.run, [one], cut_windows(asked.run, [one], asked.windows)))
 
 
@@ -45,13 +48,14 @@ def test_an_input_that_moves_within_steps_is_told_until_it_is_said_how() -> None
     assert told(0.01, 0.1, interpolation="linear") == []
 
 
-def test_an_input_and_an_output_that_are_drawn_along_lines_are_told_with_what_that_does() -> None:
+def test_an_input_and_outputs_of_frames_that_are_drawn_along_lines_are_told_with_what_that_does() -> None:
     rate = 7.0
-    driven, compared = told(0.05, 0.01, rate)
+    [driven] = told(0.05, 0.01, rate)  # the output is compared at its samples
+    [compared] = told(0.05, 0.01, rate, frames=True)
     assert driven.startswith("inputs.motor.voltage: 0.05 has a sample every 0.05 s, and steps of 0.01 s take the value")
     cut = (rate * 0.05) ** 2 / 8  # of a sine's curve in the middle between samples, in its size
     assert f"is compared every 0.01 s, along lines that cut its curves by about {100 * cut:.2g} %" in compared
-    assert told(0.05, 0.01, rate, interpolation="hold") == [compared]
+    assert told(0.05, 0.01, rate, interpolation="hold") == []
 
 
 @pytest.mark.parametrize("samples", [2, 5])
@@ -75,8 +79,15 @@ def test_an_output_that_holds_its_values_over_several_samples_is_told_with_how_l
     assert said(angle) == []
 
 
-def test_a_calibration_tells_of_steps_finer_than_its_samples(tmp_path: Path) -> None:
-    data = record(tmp_path / "data")
-    for step, count in ((0.005, 1), (0.01, 0)):
-        found = calibrated(write_study(tmp_path / "study.yaml", step=step), data, tmp_path / f"{step}")
-        assert sum("every 0.01 s and is compared every 0.005 s" in line for line in found["warnings"]) == count
+def test_steps_finer_than_samples_change_no_estimate_and_no_interval(tmp_path: Path) -> None:
+    """The voltage changes at samples only, so that finer steps simulate the same."""
+    data, found = record(tmp_path / "data"), []
+    for step in (0.01, 0.001):
+        asked = write_study(tmp_path / "study.yaml", step=step, inputs=HELD)
+        found.append(calibrated(asked, data, tmp_path / f"{step}"))
+        assert not any("every 0.01 s" in line for line in found[-1]["warnings"])
+    for name, plain in found[0]["parameters"].items():
+        fine = found[1]["parameters"][name]
+        assert fine["value"] == pytest.approx(plain["value"], abs=0.02 * plain["std"])
+        assert fine["std"] == pytest.approx(plain["std"], rel=0.01)
+    assert found[1]["fit"]["validation"]["median"] == pytest.approx(found[0]["fit"]["validation"]["median"], abs=1e-4)
