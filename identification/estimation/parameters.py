@@ -85,6 +85,10 @@ class Parameter:
         """z at a value [unit]."""
         return (value - self.start) / self.size if self.scale == "linear" else math.log(value / self.start)
 
+    def at_bound(self, value: float) -> float | None:
+        """The bound that a value is at, None where it is at none."""
+        return next((bound for bound in (self.lower, self.upper) if abs(value - bound) <= 1e-9 * self.size), None)
+
     def slope(self, z: float) -> float:
         """d value / d z [unit]."""
         return self.size if self.scale == "linear" else self.unbounded(z)

@@ -42,6 +42,7 @@ class Covariance(ReadOnlyArrays):
         curvature: (n, n) inverse of the cost's curvature by the parameters, the states fitted; 0 where nothing is seen.
         stretch: (n,) what the rise of the cost along each parameter is divided by: the variance of white residuals
             where they are, more where they are correlated; of what is not seen the largest of the others.
+        step: (n,) from the estimate to where slopes lead that no bound holds, in z; 0 but for rounding where none does.
         deleted: (W, n) change of the estimate in z as each window is left out, to first order; None where windows are
             too few or one alone sees a parameter.
     """
@@ -54,6 +55,7 @@ class Covariance(ReadOnlyArrays):
     samples_each: FloatArray
     curvature: FloatArray
     stretch: FloatArray
+    step: FloatArray
     deleted: FloatArray | None = None
 
     @property
@@ -144,6 +146,9 @@ def covariance(
     if deleted is not None:
         centred = deleted - deleted.mean(axis=0)
         found["window"] = centred.T @ centred * (len(rows) - 1) / len(rows) + drawn
+    gradient = sum((row.jacobian.T @ row.influence for row in rows), np.zeros(len(transform)))
+    if before is not None:
+        gradient = gradient + before.parameters.T @ before.residual
     matrices = {name: marked(matrix, lost) for name, matrix in found.items()}
     is_white = all(test.white for test in tests)
     method: CovarianceMethod = "white" if is_white else "coloured" if deleted is None else "window"
@@ -156,6 +161,7 @@ def covariance(
         samples_each=correlated.samples_each,
         curvature=transform @ transform.T,
         stretch=_stretch(found[method], transform @ transform.T, float(np.trace(flat.covariance)) / outputs),
+        step=-transform @ (transform.T @ gradient),
         deleted=deleted,
     )
 
@@ -178,7 +184,7 @@ def no_covariance(residuals: Sequence[FloatArray], n: int, states: int, outputs:
     matrix = np.where(np.eye(n, dtype=bool), np.inf, np.nan)
     tests = tuple(whiteness([r.reshape(-1, outputs)[:, i] for r in residuals]) for i in range(outputs))
     nothing, each, flat = np.full((len(residuals), states), np.inf), np.ones(outputs), np.zeros((n, n))
-    return Covariance({"none": matrix}, "none", 1, nothing, tests, each, flat, np.full(n, np.inf))
+    return Covariance({"none": matrix}, "none", 1, nothing, tests, each, flat, np.full(n, np.inf), np.zeros(n))
 
 
 def _curvature(blocks: Sequence[WindowBlock], loss: Loss, outputs: int) -> FloatArray:

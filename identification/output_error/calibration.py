@@ -17,6 +17,7 @@ from identification.estimation.parameters import Parameter, ParameterSet
 from identification.estimation.stopped import STOPPED, reason, stopped
 from identification.fits import FitSummary, fit_summary
 from identification.output_error.choice.choice import Choice
+from identification.output_error.choice.otherwise import recorded_otherwise
 from identification.output_error.chosen_windows import PickedWindows, chosen_length, picked_windows
 from identification.output_error.free_runs.simulator import SystemFactory
 from identification.output_error.free_runs.window import FreeRunWindow
@@ -308,7 +309,13 @@ def _fit(prepared: PreparedStudy, watch: Watch) -> Estimate:
     if (shots := prepared.shots) is not None:
         segments = replace(factory, windows=shots.windows, outputs=shots.recorded)
         shot = shoot(shots, problem, segments, options, watch)
-    return estimate(problem, factory, options, watch, shot)
+    found = estimate(problem, factory, options, watch, shot)
+    try:
+        return replace(
+            found, warnings=(*found.warnings, *recorded_otherwise(study.run, problem, factory, options, found))
+        )
+    except KeyboardInterrupt as error:
+        raise stopped(error, replace(found, message=f"stopped: {reason(error)}")) from error
 
 
 def _options(

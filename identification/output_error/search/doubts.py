@@ -15,6 +15,8 @@ from identification.output_error.search.problem import Problem
 
 _LITTLE = 0.1  # of a prior's variance, taken away: less is little
 _CONTRADICTED = 3.0  # standard deviations of a prior
+_BEYOND = 2.0  # standard deviations beyond a bound, which noise alone hardly makes where the truth is within
+_OFF = 0.5  # standard deviations of another parameter, from which its interval suffers
 _SHARED = 0.01  # of the samples, in more than one window: less is a rounded end
 
 
@@ -31,6 +33,7 @@ def doubts(problem: Problem, result: Estimate) -> list[str]:
         warnings.append(f"{name} acts in steps: the outputs do not tell {range_} apart, which its interval holds")
     for parameter in problem.parameters.free:
         warnings += parameter_warnings(parameter, result.values[parameter.name], result.std[parameter.name])
+    warnings += _beyond_bounds(problem.parameters.free, result)
     told = " ".join(warnings)
     for parameter in problem.parameters.free:
         lost = math.isinf(result.std[parameter.name]) and result.uncertainty.method != "none"
@@ -77,6 +80,23 @@ def _overlap(problem: Problem, result: Estimate) -> list[str]:
         else f"intervals are {math.sqrt(problem.counted):.2g} times as wide as if these were independent"
     )
     return [f"windows overlap, a sample is in {problem.counted:.2g} of them on average: {so}"]
+
+
+def _beyond_bounds(free: Sequence[Parameter], result: Estimate) -> list[str]:
+    """Parameters whose bounds hold them where the recordings contradict that, and what this does to the others."""
+    std = np.sqrt(np.diag(result.uncertainty.matrix))
+    steps = np.divide(result.uncertainty.step, std, out=np.zeros(len(std)), where=np.isfinite(std) & (std > 0))
+    held = [one.at_bound(result.values[one.name]) for one in free]
+    apart = [column for column, bound in enumerate(held) if bound is not None and abs(steps[column]) > _BEYOND]
+    moved = {one.name: abs(float(steps[column])) for column, one in enumerate(free) if held[column] is None}
+    other = max(moved, key=moved.__getitem__, default=None)
+    if not apart or other is None or moved[other] < _OFF:
+        return []
+    beyond = " and ".join(f"{free[column].name} by {abs(steps[column]):.2g}" for column in apart)
+    return [
+        f"slopes lead beyond bounds, in standard deviations: {beyond}; if these bounds are wrong, {other} is off by "
+        f"{moved[other]:.2g} of its own, and intervals do not hold that"
+    ]
 
 
 def _only_known(combination: Combination, result: Estimate) -> str:
@@ -128,10 +148,10 @@ def _coarse(result: Estimate) -> list[str]:
 def parameter_warnings(parameter: Parameter, value: float, std: float) -> list[str]:
     """What makes an estimate worth less than it looks: it lies at a bound, or its sign is not determined."""
     warnings = []
-    for bound, word in ((parameter.lower, "lower"), (parameter.upper, "upper")):
-        if abs(value - bound) <= 1e-9 * parameter.size:
-            at = f"{parameter.name} is at its {word} bound {bound:g} {parameter.unit}"
-            warnings.append(f"{at}: the best value may lie beyond, and its interval is as without that bound; widen it")
+    if (bound := parameter.at_bound(value)) is not None:
+        word = "lower" if bound == parameter.lower else "upper"
+        at = f"{parameter.name} is at its {word} bound {bound:g} {parameter.unit}"
+        warnings.append(f"{at}: the best value may lie beyond, and its interval is as without that bound; widen it")
     if math.isfinite(std) and std > abs(value):
         warnings.append(f"{parameter.name} is hardly determined: {value:.3g} with a standard deviation of {std:.3g}")
     return warnings

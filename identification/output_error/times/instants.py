@@ -46,7 +46,7 @@ def every_step(delays: Sequence[Delay | None], step: Fraction, count: int) -> Fl
 def read_at_steps(run: FreeRunSpec, trace: Trace, start: float, count: int) -> Instants:
     """A recording at the instants of a run from `start` [s]."""
     at, outputs = every_step(run.late, run.step, count), run.outputs.values()
-    time = (start + np.arange(count) * float(run.step))[at.astype(np.int64)]
+    time = np.asarray(start + at * float(run.step))
     measured = [sampled(trace, spec, time, known(spec.delay)) for spec in outputs]
     return Instants(at, estimated(spec.delay for spec in outputs), np.column_stack(measured))
 

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from fmus.errors import FmuError, InputError
 from identification.calibrate import calibrate
-from identification.estimation.parameters import Parameter
+from identification.estimation.parameters import Parameter, ParameterSet
 from identification.output_error.search.doubts import parameter_warnings
-from identification.output_error.search.estimator import estimate
+from identification.output_error.search.estimator import Problem, Window, estimate
 from tests.support.identification.closed_form import Oscillator
 from tests.support.identification.decays import TIGHT, decays
 from tests.support.simulation.ssps import gain
@@ -103,3 +104,43 @@ def test_what_is_no_real_number_is_not_estimated(tmp_path: Path, name: str, kind
     said = rf"parameters\.g\.{name}: is {kind}, and what is estimated is a real number; give its component a value"
     with pytest.raises(InputError, match=said):
         calibrate(gain_study(tmp_path, 1, f"g.{name}", start=1))
+
+
+class Parabola:
+    """Two terms that partly make up for each other."""
+
+    time = np.linspace(0, 1, 201)
+
+    def simulate(self, window, values):
+        return (values["m.line"] * self.time + values["m.square"] * self.time**2)[:, None]
+
+    def close(self):
+        return None
+
+
+def bounded(most, seed):
+    """Of both terms truth is 1, and one may be `most`."""
+    measured = Parabola().simulate(0, {"m.line": 1.0, "m.square": 1.0})
+    measured = measured + np.random.default_rng(seed).normal(0, 0.05, measured.shape)
+    free = ParameterSet((Parameter("m.line", 0.5), Parameter("m.square", 0.5, upper=most)))
+    return estimate(Problem(free, (Window("w", "t", measured, np.full(1, 20.0)),), ("m.y",)), Parabola)
+
+
+def test_a_bound_that_the_recordings_contradict_is_told_with_what_it_does_to_others():
+    """By where the fit without the bound is: intervals hold the truth where it is at the bound, and not beyond."""
+    found, free = bounded(0.7, 0), bounded(np.inf, 0)
+    [line] = [warning for warning in found.warnings if "slopes lead beyond" in warning]
+    beyond = (free.values["m.square"] - 0.7) / found.std["m.square"]
+    off = (found.values["m.line"] - free.values["m.line"]) / found.std["m.line"]
+    assert f"m.square by {beyond:.2g}; if these bounds are wrong, m.line is off by {off:.2g} of its own" in line
+    assert not any("slopes lead" in warning for warning in free.warnings)
+
+
+def test_a_truth_at_its_bound_is_hardly_ever_said_to_lie_beyond_and_intervals_hold():
+    found = [bounded(1.0, seed) for seed in range(60)]
+    assert sum("slopes lead" in warning for one in found for warning in one.warnings) <= stats.binom.ppf(
+        0.999, len(found), stats.norm.sf(2)
+    )
+    for name in ("m.line", "m.square"):
+        held = sum(low <= 1.0 <= high for low, high in (one.ci95[name] for one in found))
+        assert held >= stats.binom.ppf(1e-3, len(found), 0.95)

@@ -15,7 +15,6 @@ from identification.recordings.campaign import StudyTrace
 from orchestrator.trace import FloatArray, Trace
 from tests.support.identification.small_study import calibrated, plain_study, record, write_study
 
-
 HELD = {"motor.voltage": {"signal": "voltage", "interpolation": "hold"}}
 
 
