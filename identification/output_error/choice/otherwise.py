@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmus.errors import FmuError, IdentificationError
+from fmus.errors import FmuError, InputError
 from identification.output_error.search.estimator import Estimate, estimate
 from identification.output_error.search.options import IntervalOptions, SearchOptions
 from identification.output_error.search.problem import Problem, Window
@@ -86,7 +86,7 @@ def _refitted(
             windows = [_read_otherwise(factory.windows[w], read) for w in few]
             try:
                 anew = estimate(asked, replace(factory, windows=windows), options)
-            except (FmuError, IdentificationError):
+            except (FmuError, InputError):
                 continue  # it cannot be fitted so
             yield _Refitted(names, factor, float(np.nanmedian(anew.fit)))
 
