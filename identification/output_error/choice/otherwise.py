@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmus.errors import FmuError, InputError
+from identification.output_error.free_runs.simulator import SystemFactory
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.search.estimator import Estimate, estimate
 from identification.output_error.search.options import IntervalOptions, SearchOptions
 from identification.output_error.search.problem import Problem, Window
-from identification.output_error.simulator import SystemFactory
 from identification.output_error.study import FreeRunSpec
-from identification.output_error.windows import FreeRunWindow
 from orchestrator.trace import FloatArray
 
 _POOR = 0.7  # median FIT, below which something is wrong that may be this

@@ -13,9 +13,10 @@ from scipy.optimize import least_squares
 
 from fmus.errors import IdentificationError, TraceError
 from identification.output_error.calibration import PreparedStudy
+from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.search.estimate import Estimate
 from identification.output_error.shooting.segments import segments
-from identification.output_error.windows import FreeRunWindow, cut_windows
+from identification.output_error.windows import cut_windows
 from identification.recordings.campaign import StudyTrace
 from orchestrator import run
 from orchestrator.fmi.interface import Port
