@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fmus.errors import TraceError
-from identification.output_error.study import FreeRunSpec, TraceSignal
 from identification.output_error.times.delays import Delay, HeldCommand, compared_rows, estimated, known
-from identification.recordings.campaign import StudyTrace
 from orchestrator.trace import FloatArray, ReadOnlyArrays, Trace
+
+if TYPE_CHECKING:
+    from identification.output_error.study import FreeRunSpec, TraceSignal
+    from identification.recordings.campaign import StudyTrace
 
 _AS_SELDOM = 0.95  # steps between samples: closer ones are read at the steps
 _TOGETHER = 1e-6  # of a step: what is so near to one is at it
