@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol, Self, runtime_checkable
 
-from fmus.errors import FmuError, IdentificationError, TangentsMissing
+from fmus.errors import FmuError, IdentificationError, TangentsMissing, WiringError
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.said import kept, kept_in
 from orchestrator.processes.child import Died
@@ -228,3 +228,5 @@ def _simulated(simulator: Simulator, task: SimulationTask) -> Simulated:
         return TangentsMissing("simulator", "knows no derivatives")
     except FmuError as error:
         return error
+    except WiringError as error:  # a trial outside the bounds that an FMU declares
+        return FmuError(error.place, error.problem)

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from fmus.errors import FmuError, IdentificationError
+from fmus.errors import FmuError, IdentificationError, WiringError
 from identification.estimation import workers
 from identification.estimation.workers import LocalPool, ProcessPool, SimulationTask, open_pool
 from orchestrator.fmi.isolation import Isolation
@@ -50,6 +50,16 @@ def test_a_failed_run_is_a_value_that_names_its_place(processes):
     assert isinstance(second, FmuError)
     assert str(second) == "rig in window 4: does not want to"
     assert first[0, 0] == 0 and third[0, 0] == 10
+
+
+class _Bounded(Moody):
+    def simulate(self, window, values):
+        raise WiringError("rig.friction", "is -1, outside its bounds [0, inf)", "choose a value inside")
+
+
+def test_a_trial_outside_the_bounds_of_an_fmu_is_a_failed_run_not_the_end_of_the_study():
+    (outcome,) = LocalPool(_Bounded).run([SimulationTask(0, ANSWER)])
+    assert isinstance(outcome, FmuError) and str(outcome) == "rig.friction: is -1, outside its bounds [0, inf)"
 
 
 def test_a_crashed_worker_costs_one_simulation_and_is_replaced():
