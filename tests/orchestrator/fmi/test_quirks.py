@@ -379,7 +379,14 @@ def test_a_process_that_ran_anothers_python_fmu_ends_without_touching_freed_memo
         "        return True\n"
     )
     FmuBuilder.build_FMU(source, tmp_path)
-    scenario = tmp_path / "constant.yaml"
-    scenario.write_text("title: constant\ncomponents: {a: {fmu: Constant.fmu}}\nrun: {stop: 1, step: 0.1}\n")
-    program = f"from orchestrator import run; assert run({str(scenario)!r}).cases[0].result.trace['a.y'][-1] == 1.0"
+    program = (
+        "from fmpy import extract, read_model_description as read\n"
+        "from orchestrator.fmi.functions.library import FMU2Slave\n"
+        f"path = {str(tmp_path / 'Constant.fmu')!r}; told, folder = read(path), extract(path)\n"
+        "fmu = FMU2Slave(guid=told.guid, unzipDirectory=folder, instanceName='a', modelIdentifier='Constant')\n"
+        "fmu.instantiate(); fmu.setupExperiment(startTime=0.0); fmu.enterInitializationMode()\n"
+        "fmu.exitInitializationMode(); fmu.doStep(0.0, 0.1)\n"
+        "assert fmu.getReal([variable.valueReference for variable in told.modelVariables]) == [1.0]\n"
+        "fmu.freeInstance()\n"
+    )
     assert "finalizePythonInterpreter" not in memory_errors(program, tmp_path)

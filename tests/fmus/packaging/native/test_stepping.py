@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 
@@ -236,10 +237,13 @@ def test_a_hundred_interleaved_instances_do_not_know_of_each_other(native_fmu: B
 
 
 def test_instances_in_threads_step_as_they_do_alone(native_fmu: Built) -> None:
-    path, results = native_fmu("daq", 3), {}
+    """FMPy changes the working directory of all threads while it loads a library: one loads at a time."""
+    path, results, loading = native_fmu("daq", 3), {}, threading.Lock()
 
     def run(number: int) -> None:
-        with opened(path) as fmu:
+        with ExitStack() as stack:
+            with loading:
+                fmu = stack.enter_context(opened(path))
             fmu.start(noise=0.1, seed=number)
             results[number] = advance(fmu, 0, 300)
 
