@@ -6,6 +6,7 @@ import atexit
 import ctypes
 import sys
 from collections.abc import Mapping
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,7 +41,8 @@ class _Lenient:
     _known: Mapping[str, SimpleNamespace] = {}  # names and types of C, which FMPy takes from each of its methods anew
 
     def _loadFunctions(self) -> None:  # noqa: N802 - FMPy's name
-        _release_at_exit(self.dll)
+        if sys.platform == "linux" and hasattr(self.dll, "finalizePythonInterpreter"):
+            _release_at_exit(self.dll._name)
         if not self._known:
             library, self.dll = self.dll, _Blank()
             super()._loadFunctions()  # type: ignore[misc]
@@ -52,10 +54,10 @@ class _Lenient:
             function.argtypes, function.restype = told.argtypes, told.restype
 
 
-def _release_at_exit(library: Any) -> None:
+@cache
+def _release_at_exit(library: str) -> None:
     """Have pythonfmu 0.7 let go of Python as Python ends: later, as the process does, it writes into freed memory."""
-    if sys.platform == "linux" and hasattr(library, "finalizePythonInterpreter"):
-        atexit.register(ctypes.CDLL(library._name).finalizePythonInterpreter)
+    atexit.register(ctypes.CDLL(library).finalizePythonInterpreter)
 
 
 def _lenient(kind: Any) -> Any:
