@@ -435,7 +435,7 @@ cdef inline bint _do_step(Core core, Node *node, double time, double duration) n
         return _passes(core, node, STEP, status)
     if not _whole(node, time, duration, status):
         return _stop(core, STEP, status)
-    node.asked = True
+    node.asked = node.version == 2 or node.flags[1][0]
     return True
 
 
@@ -443,7 +443,7 @@ include "c_loop/events.pxi"
 
 
 cdef bint _whole(Node *node, double time, double duration, int status) noexcept nogil:
-    """Whether a step that the FMU ended because it asks to stop came to its end."""
+    """Whether a step that the FMU ended, as one that asks to stop may, came to its end."""
     cdef int asked = 0
     if node.version == 2:
         if node.has_asked == NULL:
@@ -452,7 +452,7 @@ cdef bint _whole(Node *node, double time, double duration, int status) noexcept 
         (<Asked2>node.has_asked)(node.instance, TERMINATED, &asked)
         (<Reached2>node.has_reached)(node.instance, LAST_TIME, node.reached)
     else:
-        asked = status < DISCARD and node.flags[1][0]
+        asked = status < DISCARD
     return asked and node.reached[0] >= time + duration * ALMOST
 
 

@@ -142,7 +142,7 @@ class ClockedSlave(Slave):
                 if crowd == _MOST_EVENTS:
                     self.crowded(now)
                 self._event(now, *self._ticker.due(now + together))
-            now = self._advance(now, self._next_event if self._next_event < end - together else end)
+            now = self._advance(now, self._next_event if self._next_event < end - together else end, together)
 
     def save(self) -> Any:
         return super().save(), dataclasses.replace(self._now), self._ticker.saved(), self._mail.copy()
@@ -232,8 +232,10 @@ class ClockedSlave(Slave):
         )
 
     def stuck(self, time: float, duration: float) -> NoReturn:
-        """Say that a step from a time by a duration [s] ended early for nothing."""
-        problem = f"returned at t = {self._fmi.reached.value:g} s, without an event and without getting on"
+        """Say that a step from a time by a duration [s] ended early for nothing, or where it cannot have come to."""
+        reached = self._fmi.reached.value
+        why = "without an event and without getting on" if reached == time else "which is not within it"
+        problem = f"returned early at t = {reached:g} s, {why}"
         raise self._failure(stepping(time, duration), problem, "ask its supplier for a repaired one")
 
     @property
@@ -241,14 +243,15 @@ class ClockedSlave(Slave):
         """Time of the next event that is known, of its own, by a clock or from another component [s]."""
         return min(self._ticker.next, self._now.next_event)
 
-    def _advance(self, now: float, target: float) -> float:
-        """Step to a time, or to where the FMU returns before; the time that it reached [s]."""
+    def _advance(self, now: float, target: float, together: float) -> float:
+        """Step to a time, or to where the FMU returns before, which with an event may be at once; the time that it
+        reached [s]."""
         status = self._fmi.step(now, target - now)
         event, asked, early = (flag.value for flag in self._fmi.flags)
         if status or asked:
             self.stepped(status, now, target - now)
         reached = self._fmi.reached.value if early else target
-        if early and not (event or reached > now):
+        if not ((reached > now or (event and reached >= now - together)) and reached <= target + together):
             self.stuck(now, target - now)
         self._now.due = self._now.due or event
         return min(reached, target)

@@ -102,7 +102,7 @@ class Slave(FmuInstance[CoSimulation]):
             if status:
                 self._check(status, stepping(time, duration))
         elif stop.whole(time, duration):
-            self._asked = True
+            self._asked = stop.asked
         elif stop.asked and not self._complained:
             raise FmuEnded(self.name, str(stop))
         else:

@@ -28,12 +28,18 @@ cdef bint _step_by_events(Core core, Node *node, double time) noexcept nogil:
         if not _do_step(core, node, at, core.span):
             return False
         if node.flags[2][0] and not node.asked:
-            if not (node.flags[0][0] or node.reached[0] > at):
+            if not _gets_on(node, at, target, together):
                 return _stop(core, STUCK, 0)
             target = min(node.reached[0], target)
         event.due = event.due or node.flags[0][0]
         at = target
     return True
+
+
+cdef inline bint _gets_on(const Node *node, double at, double target, double together) noexcept nogil:
+    """Whether a step that ended early did so within it; with an event that may be at once."""
+    cdef double reached = node.reached[0]
+    return (reached > at or (node.flags[0][0] and reached >= at - together)) and reached <= target + together
 
 
 cdef inline bint _changed(const Node *node) noexcept nogil:

@@ -70,7 +70,7 @@ cpdef enum Stage:
     """Where in a component's step the loop stopped; RUNNING where it did not. MISFIT: an input fits not its type.
     VALUE: an output is not finite. ASKED: the FMU has asked to stop before. Of an event: ENTER, TICK, TICKING, UPDATE, INTERVALS, LEAVE where a function failed,
     INTERVAL where a clock is given none that it can have, ENDING where the FMU asks to stop, TURNS and EVENTS where
-    there are too many, FLOODED in one step, STUCK where one ends early without getting on."""
+    there are too many, FLOODED in one step, STUCK where one ends early and not within it."""
     RUNNING, MISFIT, WRITE, STEP, READ, VALUE, ENTER, TICK, UPDATE, LEAVE, ENDING, TURNS, EVENTS, STUCK, FLOODED
     TICKING, INTERVALS, INTERVAL, ASKED
 

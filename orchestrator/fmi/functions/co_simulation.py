@@ -34,7 +34,7 @@ class EarlyStop:
 
     def whole(self, time: float, duration: float) -> bool:
         """Whether the step from a time by a duration [s] came to its end."""
-        return self.asked and self.reached >= time + duration * _ALMOST
+        return self.reached >= time + duration * _ALMOST
 
     def __str__(self) -> str:
         return f"{'asked to stop' if self.asked else 'ended early'} at t = {self.reached:g} s"

@@ -81,6 +81,21 @@ def test_both_loops_stop_alike(fmu: Path, trouble: str) -> None:
         assert (one.warnings["b"] > 0) == (trouble == "warns")
 
 
+@pytest.mark.parametrize("trouble", ["behind", "beyond"])
+def test_a_step_that_ends_early_where_it_cannot_have_come_to_is_named(fmu: Path, trouble: str) -> None:
+    for failed in both(fmu, TIMING, WIRES, trouble=clocks.TROUBLES.index(trouble)):
+        assert isinstance(failed, RunFailed) and "which is not within it" in str(failed)
+
+
+@pytest.mark.parametrize("engine", BOTH)
+@pytest.mark.parametrize("clocked", [True, False])
+def test_a_step_that_is_said_to_end_early_at_its_end_is_whole(engine: Engine, clocked: bool, tmp_path: Path) -> None:
+    whole = {"a.trouble": float(clocks.TROUBLES.index("whole"))}
+    made = clocks.build(tmp_path, ("tick",) if clocked else ())
+    with open_system({"a": made}) as system, system.simulation(replace(TIMING, engine=engine)) as simulation:
+        assert bits(simulation.run(whole).trace) == bits(simulation.run().trace)
+
+
 LENGTHS = st.sampled_from([0.0, 1 / 3, 0.1, 0.25, 0.02, 0.123456789012345678, 0.01 / 7, 1e-17, 0.7])
 
 

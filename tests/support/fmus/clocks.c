@@ -12,7 +12,8 @@ enum { TICK = 1, TUNE, CHANGING, COUNTDOWN, TRIGGER, OUT, RELAY, ALARM, FIXED, S
 enum { U = 20, W, DIVISOR, DELAY, GROWTH, ALARM_AT, EVENT_AT, PERIOD, TROUBLE, V, SHIFT, REALS_END };
 enum { SAMPLED = 40, HEARD, SEEN, LAST_TIME, GAUGE, KEPT, OUTPUTS_END };
 enum { COUNTS = 60 }; /* Int32: how often the clock of COUNTS + reference ticked; COUNTS: events */
-enum { NONE, UPDATE_FAILS, ENDS, ENDLESS, TICK_FAILS, STEP_FAILS, WARNS, STUCK, CROWDED, STOPS, ENTER_FAILS, LEAVE_FAILS };
+enum { NONE, UPDATE_FAILS, ENDS, ENDLESS, TICK_FAILS, STEP_FAILS, WARNS, STUCK, CROWDED, STOPS, ENTER_FAILS, LEAVE_FAILS,
+    BEHIND, BEYOND, WHOLE };
 enum { UNTOLD = -2 }; /* a shift that it refuses to tell */
 enum { INSTANTIATED = 1, INITIALISATION = 2, EVENT = 4, STEP = 8 };
 
@@ -243,6 +244,10 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
     s->real[GAUGE] = s->time;
     *last = s->time;
     *ending = trouble(it, STOPS);
+    if (trouble(it, BEHIND) || trouble(it, BEYOND))
+        *event = *early = true, *last += trouble(it, BEYOND) ? 1 : -1;
+    if (trouble(it, WHOLE))
+        *early = true;
     return fmi3OK;
 }
 

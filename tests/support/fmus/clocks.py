@@ -24,6 +24,9 @@ TROUBLES = (
     "stops",
     "enter fails",
     "leave fails",
+    "behind",
+    "beyond",
+    "whole",
 )
 CLOCKS = {
     "tick": 'intervalVariability="constant" intervalDecimal="0.1"',

@@ -407,8 +407,8 @@ static Status stepped(Nested *part, int status, double end, double duration, con
 {
     if (!stop->asked && !stop->early)
         return check(part, status, "step", "");
-    if (stop->asked && stop->reached >= end - duration * (1.0 - ALMOST)) {
-        part->asked = 1;
+    if (stop->reached >= end - duration * (1.0 - ALMOST)) {
+        part->asked = stop->asked;
         return STATUS_OK;
     }
     const int ends = stop->asked && !part->complained;
