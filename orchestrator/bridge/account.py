@@ -2,53 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TypedDict
 
 from fmus.files import sha256
 from orchestrator.bridge.bus.traffic_report import TrafficReport
-from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings
-from orchestrator.can.statistics import StatisticsDocument
-from orchestrator.realtime.deadlines import DeadlineFigures, Deadlines
-
-
-class DescribedBus(TypedDict):
-    """Which bus it was; rates in bit/s."""
-
-    interface: str
-    channel: str
-    bitrate: int | None
-    fd: bool
-    data_bitrate: int | None
-
-
-class BusAccountDocument(DescribedBus):
-    """What passed over a bus, or over it and `others`, and how deadlines were kept."""
-
-    mode: str
-    others: list[DescribedBus]
-    database: dict[str, str]
-    received: StatisticsDocument
-    sent: StatisticsDocument
-    losses: list[dict[str, str | float | None]]
-    loss_count: int
-    malformed_lines: int
-    refused_lines: int
-    trouble: str
-    over: str
-    unconfirmed: list[str]
-    pending: bool
-    not_finite: dict[str, int]
-    sent_by_others: dict[str, int]
-    notes: list[str]
-    started: str
-    seconds: float
-    deadlines: DeadlineFigures
-    watchdog: Mapping[str, object]
+from orchestrator.realtime.deadlines import Deadlines
 
 
 @dataclass(frozen=True)
@@ -62,6 +23,14 @@ class BusAccount(TrafficReport):
         notes: what is not as in the database, and what is sent without having been asked for, a line each.
         started: when it began; seconds: for how long it went on [s].
     """
+
+    KEYS = (
+        *(f"bus.{key}" for key in BusSettings.KEYS),
+        *("mode", "others", "database=described", "received=_received", "sent=_sent", "losses", "loss_count"),
+        *("malformed_lines=malformed", "refused_lines=refused", "trouble", "over", "unconfirmed"),
+        *("pending=_is_pending", "not_finite=odd", "sent_by_others=foreign", "notes", "started", "seconds"),
+        *("deadlines", "watchdog"),
+    )
 
     mode: str
     buses: tuple[BusSettings, ...]
@@ -77,43 +46,35 @@ class BusAccount(TrafficReport):
         lost = self.dropped + self.late + self.no_room + self.unsent + self.skipped
         return {"frames lost": lost, "late steps": self.deadlines.late}
 
-    def document(self) -> BusAccountDocument:
-        """For the manifest."""
-        bus, *others = map(_described, self.buses)
-        return {
-            **bus,
-            "mode": self.mode,
-            "others": others,
-            "database": {
-                "file": ", ".join(file.name for file in self.database),
-                "sha256": ", ".join(map(sha256, self.database)),
-            },
-            "received": self.received.document() | {"dropped": self.dropped, "late": self.late},
-            "sent": self.sent.document()
-            | {
-                "frames": self.frames,
-                "acknowledged": self.acknowledged,
-                "no_room": self.no_room,
-                "skipped": self.skipped,
-                "bus_full": self.blocked,
-                "no_bus": self.unsent,
-            },
-            "losses": [asdict(loss) | {"at": moment(loss.stamp)} for loss in self.losses],
-            "loss_count": self.loss_count,
-            "malformed_lines": self.malformed,
-            "refused_lines": self.refused,
-            "trouble": self.trouble,
-            "over": self.over,
-            "unconfirmed": list(self.unconfirmed),
-            "pending": bool(self.pending),
-            "not_finite": self.odd,
-            "sent_by_others": self.foreign,
-            "notes": self.notes,
-            "started": self.started.isoformat(),
-            "seconds": self.seconds,
-            "deadlines": self.deadlines.document(),
-            "watchdog": asdict(self.watchdog),
-        }
+    @property
+    def bus(self) -> BusSettings:
+        """The first of them."""
+        return self.buses[0]
+
+    @property
+    def others(self) -> tuple[BusSettings, ...]:
+        """Those after it."""
+        return self.buses[1:]
+
+    @property
+    def described(self) -> dict[str, str]:
+        """Names and hashes of the files of the database."""
+        names, hashes = (file.name for file in self.database), map(sha256, self.database)
+        return {"file": ", ".join(names), "sha256": ", ".join(hashes)}
+
+    @property
+    def _received(self) -> dict[str, object]:
+        return {**self.received.document(), "dropped": self.dropped, "late": self.late}
+
+    @property
+    def _sent(self) -> dict[str, object]:
+        own = ("frames", "acknowledged", "no_room", "skipped")
+        more = {"bus_full": self.blocked, "no_bus": self.unsent}
+        return {**self.sent.document(), **{name: getattr(self, name) for name in own}, **more}
+
+    @property
+    def _is_pending(self) -> bool:
+        return bool(self.pending)
 
     def remarks(self) -> list[str]:
         """What somebody should know about it, a line each; the deadlines first."""
@@ -155,13 +116,3 @@ class BusAccount(TrafficReport):
             for direction, statistics in (("received", self.received), ("sent", self.sent))
             for name, count in sorted(statistics.messages.items())
         ]
-
-
-def _described(bus: BusSettings) -> DescribedBus:
-    return {
-        "interface": bus.interface,
-        "channel": bus.channel,
-        "bitrate": bus.bitrate,
-        "fd": bus.fd,
-        "data_bitrate": bus.data_bitrate,
-    }

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import cast
 
 from fmus.errors import InputError
-from orchestrator.bridge.account import BusAccountDocument
+from orchestrator.bridge.account import BusAccount
 from orchestrator.bridge.bridge import BridgeResult
 from orchestrator.can.frames import moment
 from orchestrator.report import Report, Section, figures
@@ -46,7 +46,7 @@ class BridgeDocument(results.RunDocument):
     """What ran on which bus and how it went, as manifest.json holds it."""
 
     ended: str
-    can: BusAccountDocument
+    can: BusAccount
 
 
 def document_of(bridged: BridgeResult, folder: Path) -> BridgeDocument:
@@ -55,7 +55,7 @@ def document_of(bridged: BridgeResult, folder: Path) -> BridgeDocument:
     for case, told in zip(bridged.result.cases, cast("list[results.RunCaseDocument]", run["cases"]), strict=True):
         if "trace" in told:
             told["trace"] = _trace_file(bridged, case)
-    return {**run, "ended": how(bridged), "can": bridged.account.document()}
+    return {**run, "ended": how(bridged), "can": bridged.account}
 
 
 def _trace_file(bridged: BridgeResult, case: CaseResult) -> str:
@@ -106,19 +106,10 @@ def _bus(bridged: BridgeResult, section: Section) -> None:
     if watchdog.events:
         rows = [(event.time, event.name, event.kind) for event in watchdog.events[:EVENTS]]
         section.table(["time [s]", "of", "event"], rows, caption=f"{watchdog.event_count} events in all.")
-    document = account.document()
-    section.provenance(
-        {
-            "mode": document["mode"],
-            "interface": document["interface"],
-            "channel": document["channel"],
-            "bitrate": document["bitrate"],
-            "fd": str(document["fd"]),
-            "started": document["started"],
-            "seconds": document["seconds"],
-            **document["database"],
-        }
-    )
+    bus = account.bus
+    entries: dict[str, str | float | None] = {"mode": account.mode, "interface": bus.interface, "channel": bus.channel}
+    entries |= {"bitrate": bus.bitrate, "fd": str(bus.fd), "started": account.started.isoformat()}
+    section.provenance({**entries, "seconds": account.seconds, **account.described})
 
 
 def _deadlines(bridged: BridgeResult, section: Section) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from fmus.errors import InputError
+from fmus.json_document import document_of
 from orchestrator.cli.terminal import Answer, Listing, Terminal, command
 
 if TYPE_CHECKING:
@@ -124,7 +125,7 @@ def record(
     said = f"waiting for {start_when} on" if start_when else "recording"
     with terminal.live(bus.place) as move:
         manifest = record_bus(recording, move, lambda: terminal.say(f"{said} {recording.places}"))
-    return Answer(manifest.document(), [_counts(manifest), *manifest.remarks(), f"recorded into {folder}"])
+    return Answer(document_of(manifest), [_counts(manifest), *manifest.remarks, f"recorded into {folder}"])
 
 
 @command(app)
@@ -162,7 +163,7 @@ def replay(
     )
     with terminal.bar(log.name) as move:
         done = replay_log(plan, move)
-    document = {"log": str(log), "speed": speed, **done.document()}
+    document = {"log": str(log), "speed": speed, **document_of(done)}
     stopped = f"interrupted after {done.sent:,} frames" if done.stopped else ""
     return Answer(document, done.lines(), interrupted=stopped)
 
@@ -217,7 +218,7 @@ def gateway(
     rows = [
         (f"{way.source} -> {way.target}", name, f"{count:,}") for way in done.ways for name, count in way.given.items()
     ]
-    return Answer(done.document(), [Listing(("way", "message", "frames"), sorted(rows)), *done.lines()])
+    return Answer(document_of(done), [Listing(("way", "message", "frames"), sorted(rows)), *done.lines()])
 
 
 @command(app)

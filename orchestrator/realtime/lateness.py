@@ -4,20 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TypedDict
 
 _FINEST, _PER_DECADE = 1e-6, 50  # the smallest lateness that is told apart [s]; steps of 4.7 %
 _BINS = 9 * _PER_DECADE  # up to 1000 s
-
-
-class LatenessFigures(TypedDict):
-    """Percentiles of lateness [s]."""
-
-    median: float
-    p95: float
-    p99: float
-    p99_9: float
-    worst: float
 
 
 @dataclass
@@ -44,15 +33,11 @@ class Lateness:
                 return min(_FINEST * 10 ** (place / _PER_DECADE), self.worst)
         return self.worst
 
-    def document(self) -> LatenessFigures:
-        """For manifests [s]."""
-        return {
-            "median": self.quantile(0.5),
-            "p95": self.quantile(0.95),
-            "p99": self.quantile(0.99),
-            "p99_9": self.quantile(0.999),
-            "worst": self.worst,
-        }
+    @property
+    def figures(self) -> dict[str, float]:
+        """Percentiles by their names, for manifests [s]."""
+        shares = {"median": 0.5, "p95": 0.95, "p99": 0.99, "p99_9": 0.999}
+        return {**{name: self.quantile(share) for name, share in shares.items()}, "worst": self.worst}
 
     def bins(self) -> list[tuple[float, float, int]]:
         """Lower end, upper end [s] and count of each bin from the first to the last that holds any."""

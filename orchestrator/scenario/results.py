@@ -14,7 +14,7 @@ from orchestrator.crossing import CrossingDocument, documents_of
 from orchestrator.engine import ValueChange
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.said import LOG_FILE
-from orchestrator.realtime.deadlines import DeadlineFigures
+from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.results import CaseDocument, CheckDocument, FileDocument, result_folder, versions, write_json
 from orchestrator.scenario import accounts
 from orchestrator.scenario.expectations import Check
@@ -37,7 +37,7 @@ class RunCaseDocument(CaseDocument):
     stepping: NotRequired[accounts.EngineDocument]
     statistics: NotRequired[dict[str, accounts.ShareDocument]]
     loop: NotRequired[dict[str, float]]
-    deadlines: NotRequired[DeadlineFigures]
+    deadlines: NotRequired[Deadlines]
     changes: NotRequired[Sequence[ValueChange]]
     buses: NotRequired[dict[str, BusDocument]]
     intermediate: NotRequired[dict[str, str]]
@@ -193,7 +193,7 @@ def _case(result: ScenarioResult, case: CaseResult) -> RunCaseDocument:
         if counts := nonfinite(case.result.trace):
             document["nonfinite"] = counts
         if case.result.deadlines is not None:
-            document["deadlines"] = case.result.deadlines.document()
+            document["deadlines"] = case.result.deadlines
         if case.result.carried:
             document["buses"] = {
                 name: {

@@ -46,6 +46,8 @@ class BusSettings:
         InputError: the interface is not known, or a bit rate is not possible.
     """
 
+    KEYS = ("interface", "channel", "bitrate", "fd", "data_bitrate")
+
     interface: str
     channel: str
     bitrate: int | None = None

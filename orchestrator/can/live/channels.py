@@ -9,41 +9,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from heapq import merge
 from operator import attrgetter
-from typing import TypedDict
 
 import can
 
-from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.slcan.adapter_clock import AdapterClock
-
-
-class PauseDocument(TypedDict):
-    """A time in which nothing could be received [s], and its end."""
-
-    until: str
-    seconds: float
-
-
-class ChannelDocument(TypedDict):
-    """A bus that was listened to; the offset of its clock in seconds."""
-
-    interface: str
-    channel: str
-    bitrate: int | None
-    fd: bool
-    data_bitrate: int | None
-    options: dict[str, str]
-    frames: int
-    dropped: int
-    malformed_lines: int
-    refused_lines: int
-    pauses: list[PauseDocument]
-    pause_count: int
-    clock_offset: float | None
-    adapter_stamps: int | None
-    failure: str | None
 
 
 @dataclass
@@ -53,6 +24,12 @@ class Channel:
     Attributes:
         frames: taken from it so far.
     """
+
+    KEYS = (
+        *(f"settings.{key}" for key in BusSettings.KEYS),
+        *("settings.options", "frames", "receiver.dropped", "malformed_lines=malformed", "refused_lines=refused"),
+        *("receiver.pauses", "receiver.pause_count", "receiver.clock_offset", "adapter_stamps", "failure"),
+    )
 
     settings: BusSettings
     bus: can.BusABC
@@ -71,30 +48,19 @@ class Channel:
         return getattr(self.bus, "clock", None)
 
     @property
+    def adapter_stamps(self) -> int | None:
+        """How many stamps were those of a serial adapter."""
+        return self.clock.used if self.clock else None
+
+    @property
+    def failure(self) -> str | None:
+        """What the bus has failed with."""
+        return None if self.receiver.failure is None else str(self.receiver.failure)
+
+    @property
     def refused(self) -> int:
         """Commands that the adapter refused."""
         return int(getattr(self.bus, "refused", 0))
-
-    def document(self) -> ChannelDocument:
-        """For the manifest."""
-        settings, failure, clock = self.settings, self.receiver.failure, self.clock
-        return {
-            "interface": settings.interface,
-            "channel": settings.channel,
-            "bitrate": settings.bitrate,
-            "fd": settings.fd,
-            "data_bitrate": settings.data_bitrate,
-            "options": dict(settings.options),
-            "frames": self.frames,
-            "dropped": self.receiver.dropped,
-            "malformed_lines": self.malformed,
-            "refused_lines": self.refused,
-            "pauses": [{"until": moment(pause.stamp), "seconds": pause.seconds} for pause in self.receiver.pauses],
-            "pause_count": self.receiver.pause_count,
-            "clock_offset": self.receiver.clock_offset,
-            "adapter_stamps": clock.used if clock else None,
-            "failure": None if failure is None else str(failure),
-        }
 
     def remarks(self, among_others: bool) -> list[str]:
         """What somebody should know about it, a line each; `among_others` that have frames, also that it has none."""
@@ -157,7 +123,7 @@ class Channels:
     @property
     def failed(self) -> list[Channel]:
         """Those whose bus has failed."""
-        return [channel for channel in self.all if channel.receiver.failure is not None]
+        return [channel for channel in self.all if channel.failure is not None]
 
     @property
     def dropped(self) -> int:

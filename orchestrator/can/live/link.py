@@ -16,6 +16,7 @@ import can
 
 from fmus.errors import BusError
 from fmus.words import complaint
+from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, is_bus_off, occupied, open_bus
 from orchestrator.can.slcan.flow import Key
 
@@ -40,9 +41,16 @@ class BusLoss:
         seconds: until it was back, None where it never was.
     """
 
+    KEYS = ("why", "stamp", "seconds", "at")
+
     why: str
     stamp: float
     seconds: float | None = None
+
+    @property
+    def at(self) -> str:
+        """Date and time at which it was noticed."""
+        return moment(self.stamp)
 
 
 class Link:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import TypedDict
+from typing import ClassVar
 
 from fmus.errors import InputError, RecordError
+from fmus.json_document import document_of, json_text
 from orchestrator.can.database.sources import DatabaseFiles, paths
 from orchestrator.can.frames import moment
 from orchestrator.can.live.bus import BusSettings, OnBuses
-from orchestrator.can.live.channels import Channel, ChannelDocument
-from orchestrator.can.live.trigger import EVERYTHING, RecordingLimits, Trigger, TriggerDocument
-from orchestrator.can.logs.rotation import LogFile, LogFileDocument, writer_of
-from orchestrator.can.statistics import FrameStatistics, StatisticsDocument
+from orchestrator.can.live.channels import Channel
+from orchestrator.can.live.trigger import EVERYTHING, RecordingLimits, Trigger
+from orchestrator.can.logs.rotation import LogFile, writer_of
+from orchestrator.can.statistics import FrameStatistics
 from orchestrator.results import versions
 
 _ROOM = (65536, 4096)  # for the last manifest, the first that there is [bytes]
@@ -66,27 +66,6 @@ class BusRecording(OnBuses):
             raise InputError(twice, "is to be recorded twice", "give each --channel once")
 
 
-class RecordingManifestDocument(TypedDict):
-    """The manifest of a recording; `found` has the identifiers where there is no database."""
-
-    kind: str
-    channels: list[ChannelDocument]
-    database: str | None
-    started: str
-    stopped: str | None
-    ended: str
-    failure: str | None
-    trigger: TriggerDocument
-    frames: int
-    dropped: int
-    error_frames: int
-    bus_off: list[str]
-    files: list[LogFileDocument]
-    found: StatisticsDocument
-    versions: dict[str, str]
-    remarks: list[str]
-
-
 @dataclass(frozen=True)
 class RecordingManifest:
     """How a recording went.
@@ -102,6 +81,13 @@ class RecordingManifest:
         statistics: of all frames; without a database their identifiers are all unknown.
         notes: what is not as in the database, a line each.
     """
+
+    KEYS = (
+        *("kind", "channels", "database=recording.database_names", "started", "stopped", "ended", "failure", "trigger"),
+        *("frames", "dropped", "error_frames=statistics.errors", "bus_off=bus_off_times", "files", "found"),
+        *("versions", "remarks"),
+    )
+    kind: ClassVar = "CAN recording"
 
     recording: BusRecording
     started: datetime
@@ -125,35 +111,25 @@ class RecordingManifest:
     @property
     def failure(self) -> str | None:
         """What became of the log and of adapters that failed, None where none did."""
-        failed = [channel for channel in self.channels if channel.receiver.failure is not None]
-        lines = [f"{channel.settings.place}: {channel.receiver.failure}" for channel in failed]
+        lines = [
+            f"{channel.settings.place}: {channel.failure}" for channel in self.channels if channel.failure is not None
+        ]
         return "; ".join([*filter(None, [self.unwritten]), *lines]) or None
 
-    def document(self) -> RecordingManifestDocument:
-        """As the file has it."""
-        recording, channels = self.recording, self.channels
-        found = self.statistics.document()
-        if recording.database is None:
+    @property
+    def found(self) -> dict[str, object]:
+        """What the statistics count; without a database the identifiers."""
+        found: dict[str, object] = {**self.statistics.document()}
+        if self.recording.database is None:
             found["identifiers"] = found.pop("unknown", {})
-        return {
-            "kind": "CAN recording",
-            "channels": [channel.document() for channel in channels],
-            "database": recording.database_names,
-            "started": self.started.isoformat(),
-            "stopped": None if self.stopped is None else self.stopped.isoformat(),
-            "ended": self.ended,
-            "failure": self.failure,
-            "trigger": self.trigger.document(),
-            "frames": self.frames,
-            "dropped": self.dropped,
-            "error_frames": self.statistics.errors,
-            "bus_off": [moment(stamp) for _, stamp in self.bus_off],
-            "files": [file.document() for file in self.files],
-            "found": found,
-            "versions": dict(self.versions),
-            "remarks": self.remarks(),
-        }
+        return found
 
+    @property
+    def bus_off_times(self) -> list[str]:
+        """When adapters left their buses."""
+        return [moment(stamp) for _, stamp in self.bus_off]
+
+    @property
     def remarks(self) -> list[str]:
         """What somebody should know about it, a line each."""
         database, errors = self.recording.database_names, self.statistics.errors
@@ -185,7 +161,7 @@ class ManifestFile:
         Raises:
             RecordError: there is no room for it at all.
         """
-        text = json.dumps(manifest.document(), indent=2, allow_nan=False) + "\n"
+        text = json_text(document_of(manifest))
         try:
             _overwrite(self._fresh, text)
             self._fresh.replace(self._path)

@@ -12,7 +12,7 @@ from queue import Empty, SimpleQueue
 
 import can
 
-from orchestrator.can.frames import CALENDAR
+from orchestrator.can.frames import CALENDAR, moment
 from orchestrator.can.live.link import Link
 
 _PAUSE = 0.1  # for which it may be kept from receiving without that being a pause [s]
@@ -30,8 +30,15 @@ class Pause:
         seconds: at least.
     """
 
+    KEYS = ("until", "seconds")
+
     stamp: float
     seconds: float
+
+    @property
+    def until(self) -> str:
+        """Date and time of its end."""
+        return moment(self.stamp)
 
 
 class Receiver:

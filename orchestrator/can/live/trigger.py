@@ -8,7 +8,6 @@ import re
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypedDict
 
 import can
 
@@ -44,18 +43,6 @@ class RecordingLimits:
 
 
 EVERYTHING = RecordingLimits()
-
-
-class TriggerDocument(TypedDict):
-    """From when to when was recorded; stamps and `before` in seconds."""
-
-    start: str | None
-    stop: str | None
-    before: float
-    started: float | None
-    stopped: float | None
-    watched: int
-    overrun: int
 
 
 class TriggerCondition:
@@ -102,15 +89,18 @@ class Trigger:
     """Lets frames pass from one that meets a condition to a later one that meets another.
 
     Attributes:
+        limits: the conditions.
         started, stopped: stamps of these frames [s], None before; `started` is that of the first frame where no
             condition is waited for.
         watched: frames that came before it started.
         overrun: of these, frames of the time before that were too many to be kept.
     """
 
+    KEYS = ("limits.start", "limits.stop", "limits.before", "started", "stopped", "watched", "overrun")
+
     def __init__(self, limits: RecordingLimits, log: LogDatabase | None, channels: Sequence[str]) -> None:
         """Raises InputError or DatabaseError where a condition cannot be understood."""
-        self._limits = limits
+        self.limits = limits
         if not 0 <= limits.before < math.inf:
             raise InputError("--pre", f"is {limits.before:g}", "give a number of seconds")
         if limits.before and not limits.start:
@@ -148,7 +138,7 @@ class Trigger:
         assert self._start is not None
         ring = self._ring
         ring.append(message)
-        while ring[0].timestamp < message.timestamp - self._limits.before:
+        while ring[0].timestamp < message.timestamp - self.limits.before:
             ring.popleft()
         if len(ring) > MOST:
             ring.popleft()
@@ -157,24 +147,11 @@ class Trigger:
         self.watched += not starts
         return starts
 
-    def document(self) -> TriggerDocument:
-        """For the manifest."""
-        limits = self._limits
-        return {
-            "start": limits.start,
-            "stop": limits.stop,
-            "before": limits.before,
-            "started": self.started,
-            "stopped": self.stopped,
-            "watched": self.watched,
-            "overrun": self.overrun,
-        }
-
     def remarks(self) -> list[str]:
         """What somebody should know, a line each."""
         told = {
-            f"'{self._limits.stop}' held, which ended it": self.stopped is not None,
-            f"'{self._limits.start}' has never held in {self.watched:,} frames, so none was recorded": self.waiting,
+            f"'{self.limits.stop}' held, which ended it": self.stopped is not None,
+            f"'{self.limits.start}' has never held in {self.watched:,} frames, so none was recorded": self.waiting,
             f"of the time before the start {self.overrun:,} frames were too many to be kept": self.overrun,
         }
         return [line for line, holds in told.items() if holds]

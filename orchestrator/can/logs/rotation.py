@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import can
 
@@ -18,20 +18,11 @@ from fmus.files import sha256
 from orchestrator.can.logs.writing import AscWriter
 
 
-class LogFileDocument(TypedDict):
-    """A file of a recording; stamps in seconds."""
-
-    file: str
-    frames: int
-    bytes: int
-    first: float | None
-    last: float | None
-    sha256: str
-
-
 @dataclass
 class LogFile:
     """A file and what is in it; stamps of its first and latest frame [s], None where it has none."""
+
+    KEYS = ("file=path.name", "frames", "bytes", "first", "last", "sha256")
 
     path: Path
     frames: int = 0
@@ -39,16 +30,10 @@ class LogFile:
     last: float | None = None
     sha256: str = ""
 
-    def document(self) -> LogFileDocument:
-        """For the manifest."""
-        return {
-            "file": self.path.name,
-            "frames": self.frames,
-            "bytes": self.path.stat().st_size,
-            "first": self.first,
-            "last": self.last,
-            "sha256": self.sha256,
-        }
+    @property
+    def bytes(self) -> int:
+        """Size of the file so far."""
+        return self.path.stat().st_size
 
 
 class _BlfWriter(can.BLFWriter):

@@ -5,34 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TypedDict
 
-from orchestrator.realtime.lateness import Lateness, LatenessFigures
-
-PassedFramesDocument = TypedDict(
-    "PassedFramesDocument",
-    {
-        "from": str,
-        "to": str,
-        "passed": int,
-        "lost": int,
-        "dropped": int,
-        "messages": dict[str, int],
-        "left_out": dict[str, int],
-        "lateness": LatenessFigures,
-    },
-)
-
-
-class PassedDocument(TypedDict):
-    """What a gateway has passed, for --json."""
-
-    ways: list[PassedFramesDocument]
-    seconds: float
-    error_frames: int
-    missing: list[str]
-    last: list[str]
-    confirmed: bool
+from orchestrator.realtime.lateness import Lateness
 
 
 @dataclass
@@ -49,6 +23,11 @@ class PassedFrames:
         lateness: from the stamp of a frame to when it was given on.
     """
 
+    KEYS = (
+        *("from=source", "to=target", "passed=out", "lost", "dropped", "messages=given", "left_out"),
+        "lateness=lateness.figures",
+    )
+
     source: str
     target: str
     given: Counter[str] = field(default_factory=Counter)
@@ -63,19 +42,6 @@ class PassedFrames:
         """Frames that were to be passed, and did not get out."""
         return self.given.total() - self.out + self.unsent + self.dropped
 
-    def document(self) -> PassedFramesDocument:
-        """For --json."""
-        return {
-            "from": self.source,
-            "to": self.target,
-            "passed": self.out,
-            "lost": self.lost,
-            "dropped": self.dropped,
-            "messages": dict(sorted(self.given.items())),
-            "left_out": dict(sorted(self.left_out.items())),
-            "lateness": self.lateness.document(),
-        }
-
 
 @dataclass
 class Passed:
@@ -89,23 +55,14 @@ class Passed:
         told: whether adapters say which frames got out.
     """
 
+    KEYS = ("ways", "seconds", "error_frames=errors", "missing", "last", "confirmed=told")
+
     ways: tuple[PassedFrames, PassedFrames]
     seconds: float = 0.0
     errors: int = 0
     missing: list[str] = field(default_factory=list)
     last: list[str] = field(default_factory=list)
     told: bool = True
-
-    def document(self) -> PassedDocument:
-        """For --json."""
-        return {
-            "ways": [way.document() for way in self.ways],
-            "seconds": self.seconds,
-            "error_frames": self.errors,
-            "missing": self.missing,
-            "last": self.last,
-            "confirmed": self.told,
-        }
 
     def lines(self) -> list[str]:
         """For people."""
@@ -119,7 +76,7 @@ class Passed:
 
 
 def _told(way: PassedFrames) -> Iterator[str]:
-    late = way.lateness.document()
+    late = way.lateness.figures
     times = (
         f", after {1e3 * late['median']:.2f} ms (median), {1e3 * late['p99']:.2f} ms (99 %), "
         f"{1e3 * late['worst']:.2f} ms (most)"

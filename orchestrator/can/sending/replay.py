@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypedDict
 
 import can
 
@@ -32,7 +31,7 @@ from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
 from orchestrator.processes.interrupts import endings, handling
 from orchestrator.progress import Progress, silent
-from orchestrator.realtime.lateness import Lateness, LatenessFigures
+from orchestrator.realtime.lateness import Lateness
 from orchestrator.realtime.pacing import quiet
 from orchestrator.realtime.stopping import Stop, stop_requests
 
@@ -43,29 +42,6 @@ _HEARD = 65536  # frames of others that are kept between two looks at most
 _HELD_UP = "ms for which the replay was held up; it goes on where it was"
 _REFUSED = 0.2  # for which an adapter may refuse all frames [s]
 _ECHO = 0.3  # after the last frame, until the adapter has sent what it keeps and has said what there is to say [s]
-
-
-class ReplayDocument(TypedDict):
-    """What was sent, for --json; times in seconds."""
-
-    sent: int
-    refused: int
-    dropped: int
-    skipped: int
-    left_out: int
-    missing: list[str]
-    homeless: int
-    channels: list[int]
-    last: list[str]
-    setbacks: int
-    error_frames: int
-    pauses: int
-    paused: float
-    sent_by_others: list[str]
-    duration: float
-    stopped: bool
-    lateness: LatenessFigures
-    damage: list[str]
 
 
 @dataclass
@@ -89,6 +65,12 @@ class Replayed:
         errors: error frames that came from the bus meanwhile.
         damage: places of the log that could not be read.
     """
+
+    KEYS = (
+        *("sent=out", "refused", "dropped", "skipped", "left_out", "missing", "homeless", "channels", "last"),
+        *("setbacks", "error_frames=errors", "pauses", "paused", "sent_by_others=foreign", "duration", "stopped"),
+        *("lateness=lateness.figures", "damage"),
+    )
 
     sent: int = 0
     skipped: int = 0
@@ -115,32 +97,9 @@ class Replayed:
         """Frames that were neither refused nor dropped."""
         return self.sent - self.refused - self.dropped
 
-    def document(self) -> ReplayDocument:
-        """For --json."""
-        return {
-            "sent": self.out,
-            "refused": self.refused,
-            "dropped": self.dropped,
-            "skipped": self.skipped,
-            "left_out": self.left_out,
-            "missing": self.missing,
-            "homeless": self.homeless,
-            "channels": sorted(self.channels),
-            "last": self.last,
-            "setbacks": self.setbacks,
-            "error_frames": self.errors,
-            "pauses": self.pauses,
-            "paused": self.paused,
-            "sent_by_others": self.foreign,
-            "duration": self.duration,
-            "stopped": self.stopped,
-            "lateness": self.lateness.document(),
-            "damage": self.damage,
-        }
-
     def lines(self) -> list[str]:
         """For people."""
-        late = self.lateness.document()
+        late = self.lateness.figures
         told = {
             f"sent last: {', '.join(self.last)}": self.last,
             f"{self.refused:,} frames were not sent: the adapter refused them": self.refused,

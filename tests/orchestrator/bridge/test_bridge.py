@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from fmus.errors import InputError, ScenarioError
+from fmus.json_document import document_of
 from orchestrator import formats
 from orchestrator.bridge.bridge import couple
 from orchestrator.bridge.preparation import BridgeJob
@@ -209,6 +210,7 @@ def test_each_bus_carries_its_own_messages(folder: Path, tmp_path: Path) -> None
     account = coupled.account
     assert account.sent.messages == {"can0.State": 200, "can1.Drive": 201}
     assert account.received.messages == {"can0.Command": 1}
-    assert [bus["channel"] for bus in [account.document(), *account.document()["others"]]] == ["first", "second"]
+    told: Any = document_of(account)
+    assert [bus["channel"] for bus in [told, *told["others"]]] == ["first", "second"]
     assert {angle_of(message) for message in on_second} == {0.0} and (len(on_first), len(on_second)) == (200, 201)
     assert trace_of(coupled)["motor.voltage"].max() == 3

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fmus.json_document import document_of
 from orchestrator.realtime.background import Background
 from orchestrator.realtime.deadlines import Deadlines
 from orchestrator.realtime.pacing import Pace, quiet
@@ -62,7 +63,7 @@ def test_late_steps_are_those_that_begin_more_than_a_millisecond_after_their_dea
         deadlines.begun(lateness)
     assert (deadlines.late, deadlines.overrun) == (3, 1)
     assert deadlines.on_time == 0.5
-    document = deadlines.document()
+    document = document_of(deadlines)
     assert document["lateness"]["worst"] == 0.0051
     assert document["lateness"]["median"] == pytest.approx(0.001, rel=0.05)
     assert "50 % of them begun within 1 ms of their deadline (3 late, 1 by more than a step)" in deadlines.sentence()
@@ -78,7 +79,7 @@ def test_statistics_of_a_day_take_no_more_memory_than_those_of_a_second() -> Non
 
 
 def test_no_steps_have_statistics_too() -> None:
-    assert Deadlines(0.001).document()["on_time"] == 1.0
+    assert document_of(Deadlines(0.001))["on_time"] == 1.0
     assert "0 steps" in Deadlines(0.001).sentence()
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import can
 
 from fmus.errors import TraceError
+from fmus.json_document import document_of
 from orchestrator.can import logs
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.manifest import BusRecording
@@ -64,7 +65,7 @@ def virtual(channel: str, folder: Path, *batches: list[can.Message], **options: 
         sent += len(batch)
 
     with opened(bus) as sender:
-        return record(BusRecording(bus, folder, **{"duration": HANG} | options), go_on, go_on).document()
+        return document_of(record(BusRecording(bus, folder, **{"duration": HANG} | options), go_on, go_on))
 
 
 def frames(count: int, first: int = 0) -> list[can.Message]:

@@ -10,6 +10,7 @@ import can
 import pytest
 
 from fmus.errors import InputError
+from fmus.json_document import document_of
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.live.manifest import BusRecording
 from orchestrator.can.live.recorder import record
@@ -40,7 +41,7 @@ def both(folder: Path, name: str, sent: list[tuple[int, can.Message]], **options
                 signal.raise_signal(signal.SIGINT)
 
         recording = BusRecording(buses[0], folder, **{"duration": HANG, "others": buses[1:]} | options)
-        return record(recording, end, send_all).document()
+        return document_of(record(recording, end, send_all))
 
 
 def stamped(number: int, stamp: float, identifier: int = 0x100) -> can.Message:

@@ -15,6 +15,7 @@ from pathlib import Path
 import can
 import pytest
 
+from fmus.json_document import document_of
 from orchestrator.can.live.bus import send
 from orchestrator.can.live.manifest import BusRecording
 from orchestrator.can.live.recorder import record
@@ -139,7 +140,7 @@ def test_at_the_wrong_bit_rate_nothing_is_heard_and_it_is_said(hub: Hub, tmp_pat
             for message in frames(150):
                 send(sender, message)
 
-        found = record(wrong, until_something_came, send_some).document()
+        found = document_of(record(wrong, until_something_came, send_some))
     assert found["frames"] == found["error_frames"] > 0
     assert any("bit rate" in line for line in found["remarks"])
     assert all(message.is_error_frame for message in recorded(tmp_path / "run"))
@@ -150,7 +151,7 @@ def test_bus_off_is_reported(hub: Hub, tmp_path: Path, caplog: pytest.LogCapture
     found = record(recording, until_something_came, lambda: hub.bus_off(1))
     assert len(found.bus_off) == 1
     assert "bus off" in caplog.text and "1 error frames" in caplog.text
-    assert any("bus off" in line for line in found.remarks())
+    assert any("bus off" in line for line in found.remarks)
 
 
 def test_what_one_adapter_goes_on_to_hear_is_kept_when_another_is_lost(tmp_path: Path) -> None:

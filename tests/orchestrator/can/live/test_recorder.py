@@ -14,6 +14,7 @@ import can
 import pytest
 
 from fmus.errors import BusError, InputError, RecordError
+from fmus.json_document import document_of
 from orchestrator.can import logs
 from orchestrator.can.live import recorder
 from orchestrator.can.live.bus import BusSettings, opened
@@ -69,7 +70,7 @@ def test_a_clock_that_is_set_back_begins_a_new_file_and_keeps_its_stamps(tmp_pat
 
     bus = BusSettings("virtual", "clock", options={"preserve_timestamps": "true"})
     with opened(bus) as sender:
-        found = record(BusRecording(bus, tmp_path / "run", duration=0.1), ready=lambda: jump(sender)).document()
+        found = document_of(record(BusRecording(bus, tmp_path / "run", duration=0.1), ready=lambda: jump(sender)))
     assert [file["frames"] for file in found["files"]] == [3, 2]
     assert [message.timestamp for message in recorded(tmp_path / "run")] == pytest.approx(stamps, abs=1e-6, rel=0.0)
 
@@ -102,7 +103,7 @@ def test_stamps_of_a_clock_without_a_date_keep_their_distances(tmp_path: Path) -
                 sender.send(message)
 
         began = time.time()
-        found = record(BusRecording(bus, tmp_path / "run", duration=0.1), ready=send_all).document()
+        found = document_of(record(BusRecording(bus, tmp_path / "run", duration=0.1), ready=send_all))
     stamps = [message.timestamp for message in recorded(tmp_path / "run")]
     assert began - 1e-3 <= stamps[0] <= time.time()
     assert [stamp - stamps[0] for stamp in stamps] == pytest.approx([0.0, 0.25, 1.75], abs=1e-5)

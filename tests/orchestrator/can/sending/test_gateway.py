@@ -19,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import BusError, InputError
+from fmus.json_document import document_of
 from orchestrator.can.live.bus import BusSettings, opened
 from orchestrator.can.sending.gateway import TOO_LONG, Gateway, gateway
 from orchestrator.can.sending.passed import Passed
@@ -136,7 +137,7 @@ def test_frames_pass_whole_in_order_and_are_counted_by_message(tmp_path: Path) -
     there, back = done[0].ways
     assert (there.out, there.lost, back.out, back.lost) == (50, 0, 2, 0)
     assert there.given.total() == there.lateness.count == 50
-    assert json.dumps(done[0].document(), allow_nan=False)
+    assert json.dumps(document_of(done[0]), allow_nan=False)
 
 
 @pytest.mark.slow

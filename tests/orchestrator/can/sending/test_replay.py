@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import BusError, DatabaseError, InputError, TraceError
+from fmus.json_document import document_of
 from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database.database import load
 from orchestrator.can.live.bus import BusSettings, opened
@@ -390,7 +391,7 @@ def test_an_adapter_that_refuses_frames_has_not_sent_them(tmp_path: Path) -> Non
     log = written(tmp_path / "log.blf", stamped(9, lambda k: 0.001 * k))
     with ScriptedAdapter(lambda line: b"\a" if line.endswith(b"4") and line[:1] == b"t" else willing(line)) as adapter:
         done = replay(BusSettings("slcan", adapter.path), log)
-        assert done.document()["sent"] == 8 and "1 frames were not sent: the adapter refused them" in done.lines()
+        assert document_of(done)["sent"] == 8 and "1 frames were not sent: the adapter refused them" in done.lines()
         adapter.answer = lambda line: b"\a" if line[:1] == b"t" else willing(line)
         with pytest.raises(BusError, match=r"failed after 0 frames \(the adapter refuses all frames"):
             replay(BusSettings("slcan", adapter.path), log)
