@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterator, Mapping
 from fractions import Fraction
 
 from fmus.words import listed
@@ -42,6 +42,7 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
     given_on = {link.source for link in system.connections if link.source.component == component}
     if local := sorted(end.variable for end in given_on if system.port(end).causality == "local"):
         said.append(f"{listed(local)} is local, which FMI keeps to an FMU; it is connected as an output would be")
+    said += _other_items(system, component)
     if interface.left_out:
         said.append(f"leaves out {listed(list(interface.left_out))}: `servotwin info` says why")
     if free:
@@ -52,6 +53,22 @@ def remarks(system: System, component: str, given: Container[str]) -> list[str]:
         if name not in given and Endpoint(component, name) not in driven
     ]
     return [*said, f"{listed(doubts, 3, '; ')} (`servotwin info` shows all)"] if doubts else said
+
+
+def _other_items(system: System, component: str) -> Iterator[str]:
+    """Where numbers that a component takes over mean other items of an enumeration than where they come from."""
+    for link in (*system.connections, *system.settled):
+        if link.target.component != component or (link.factor, link.offset) != (1.0, 0.0):
+            continue
+        here, there = (system.port(end).items or {} for end in (link.target, link.source))
+        own = {number: f"'{item}'" for item, number in here.items()}
+        others = [
+            f"{number} is '{item}' there and {own.get(number, 'none')} here"
+            for item, number in there.items()
+            if here and own.get(number) != f"'{item}'"
+        ]
+        if others:
+            yield f"{link.target.variable} takes the numbers of {link.source}, not its items: {listed(others, 3, '; ')}"
 
 
 def sampling(interface: Interface, given: Mapping[str, Value], step: Fraction) -> str | None:

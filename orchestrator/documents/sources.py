@@ -37,6 +37,7 @@ def plain(node: Any) -> Any:
 
 
 def _of_ssp(path: Path) -> tuple[CommentedMap, Path]:
+    from orchestrator.ssp.annotations import whole  # noqa: PLC0415
     from orchestrator.ssp.document import imported  # noqa: PLC0415 (it brings FMPy along)
     from orchestrator.ssp.package import SYSTEM, SspPackage  # noqa: PLC0415
 
@@ -46,7 +47,7 @@ def _of_ssp(path: Path) -> tuple[CommentedMap, Path]:
     with SspPackage(path) as package:
         extras = [name for name in package.names if name.startswith(f"{EXTRA}/")]
         files = {name: package.unpacked(name) for name in extras}
-        found.document["ssp"] = str(package.unpacked(SYSTEM))
+        found.document["ssp"] = str(package.kept(SYSTEM, whole(package)))
     if SCENARIO not in files:
         return _placed(found.document), path.parent
     scenario = plain(parsing.parse(files[SCENARIO]))

@@ -123,11 +123,16 @@ class SspPackage:
         file = self._folder / name
         with _lock:
             if not file.is_file():
-                content = self.read(name)
-                file.parent.mkdir(parents=True, exist_ok=True)
-                part = file.with_name(f".{file.name}.part")
-                part.write_bytes(content)
-                part.replace(file)
+                _place(file, self.read(name))
+        return file
+
+    def kept(self, name: str, document: etree._Element) -> Path:
+        """A document that stands for a file of it, on the disk until this process ends."""
+        from lxml import etree  # noqa: PLC0415 (slow to load)
+
+        file = self._folder / "kept" / name
+        with _lock:
+            _place(file, etree.tostring(document))
         return file
 
     @cached_property
@@ -145,6 +150,13 @@ class SspPackage:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _place(file: Path, content: bytes) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f".{file.name}.part")
+    part.write_bytes(content)
+    part.replace(file)
 
 
 def _home() -> Path:

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from fmus.packaging import archive
 from orchestrator.assembly.assembly import ComponentSpec, open_system
-from orchestrator.assembly.remarks import sampling
+from orchestrator.assembly.remarks import remarks, sampling
 from orchestrator.fmi.interface import Interface, Port
+from orchestrator.system import Part
+from orchestrator.wiring import wire
 from tests.support.simulation.ssps import gain
 
 
@@ -63,3 +65,23 @@ def test_a_run_says_it_of_the_step_that_the_component_has(
     with open_system({name: ComponentSpec("pd", step=Fraction(step))}) as system:
         system.run(0.1, "1/100" if step != "1/900" else "1/300")
     assert any(name in line and "no whole number of its steps" in line for line in caplog.messages) is told
+
+
+@pytest.mark.parametrize(
+    ("source", "items", "told"),
+    [
+        ("a.m", {"slow": 1, "fast": 2}, ""),
+        ("a.m", {"slow": 1, "fast": 2, "off": 3}, ""),
+        ("a.m", {"fast": 1, "slow": 2}, "1 is 'slow' there and 'fast' here; 2 is 'fast' there and 'slow' here"),
+        ("a.m", {"slow": 1}, "2 is 'fast' there and none here"),
+        ("-1 * a.m + 3", {"fast": 1, "slow": 2}, ""),
+    ],
+)
+def test_enumerations_that_call_their_numbers_otherwise_are_told(source: str, items: dict[str, int], told: str) -> None:
+    def one(name: str, causality: str, own: dict[str, int]) -> Part:
+        port = Port(name, 1, "Enumeration", causality, None, "1", items=own)
+        return Part(Interface(name, "2.0", {name: port}, {}))
+
+    parts = {"a": one("m", "output", {"slow": 1, "fast": 2}), "b": one("q", "input", items)}
+    said = remarks(wire(parts, [(source, "b.q")]), "b", ())
+    assert said == ([f"q takes the numbers of a.m, not its items: {told}"] if told else [])

@@ -172,6 +172,49 @@ def test_annotations_of_other_tools_go_along_both_ways(tmp_path: Path) -> None:
         assert text.count("Deep") == 4
 
 
+def test_annotations_of_what_has_no_place_of_its_own_go_to_its_component_or_the_system(tmp_path: Path) -> None:
+    def noted(what: str, prefix: str = "ssd") -> str:
+        inside = f'<ssc:Annotation type="com.vendor"><v:Color xmlns:v="urn:vendor" of="{what}"/></ssc:Annotation>'
+        return f"<{prefix}:Annotations>{inside}</{prefix}:Annotations>"
+
+    def bound(source: str) -> str:
+        mapped = f'<ssd:ParameterMapping source="{source}.ssm"/>'
+        binding = f'<ssd:ParameterBinding source="{source}.ssv">{mapped}</ssd:ParameterBinding>'
+        return f"<ssd:ParameterBindings>{binding}</ssd:ParameterBindings>"
+
+    one = component("a", inner=bound("own")).replace("<ssc:Real/></ssd:C", f"<ssc:Real/>{noted('u')}</ssd:C", 1)
+    outer = '<ssd:Component name="{}" type="application/x-ssp-{}" source="{}"/>'
+    elements = [
+        one,
+        component("b"),
+        outer.format("m", "definition", "more/m.ssd"),
+        outer.format("p", "package", "p.ssp"),
+    ]
+    link = ssps.connection("a.y", "b.u").replace("</ssd:", f"{noted('link')}</ssd:")
+    mapping = '<ssm:MappingEntry source="x" target="k"/>' + noted("mapping", "ssm")
+    archive(tmp_path / "p.ssp", system([component("g", inner=noted("packed"))], name="q", after=noted("inner")))
+    files: dict[str, Path | str] = {
+        "resources/gain.fmu": ssps.gain(),
+        "p.ssp": tmp_path / "p.ssp",
+        "more/m.ssd": ssps.described(system([component("g", "../resources/gain.fmu", noted("included"))], name="n")),
+        "own.ssv": ssps.values({"x": ssps.real(3)}, noted("set", "ssv")),
+        "own.ssm": f'<ssm:ParameterMapping {ssps.XMLNS} version="1.0">{mapping}</ssm:ParameterMapping>',
+    }
+    foreign = archive(tmp_path / "foreign.ssp", system(elements, [link], name="top"), files)
+    export(foreign, tmp_path / "direct.ssp")
+    export(unpack(foreign, tmp_path / "out"), tmp_path / "by_folder.ssp")
+    for name in ("direct.ssp", "by_folder.ssp"):
+        assert check(tmp_path / name).problems == ()
+        with zipfile.ZipFile(tmp_path / name) as made:
+            root = ElementTree.fromstring(made.read("SystemStructure.ssd"))
+        owners: dict[str | None, set[str | None]] = {}
+        for owner in root.iter():
+            for child in owner.findall("{*}Annotations/{*}Annotation/{urn:vendor}Color"):
+                owners.setdefault(owner.get("name"), set()).add(child.get("of"))
+        whole = {root.get("name"): {"link", "inner"}}
+        assert owners == whole | {"a": {"u", "set", "mapping"}, "m__g": {"included"}, "p__g": {"packed"}}
+
+
 def fmi3(folder: Path, fmu: Path, connections: list[str], **components: dict[str, Any]) -> Path:
     """A scenario of instances of an FMU, with these values."""
     document = {
