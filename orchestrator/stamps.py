@@ -12,6 +12,16 @@ from fmus.errors import TraceError
 from orchestrator.trace import FloatArray, Trace
 
 MIXED = 50  # changes from run to run of stamps in the order of time, for each run: no samples that came late
+LEAST_MIXED = 15  # the same of half as many stamps
+HOLE, RUN = (
+    20,
+    5,
+)  # steps that part what a clock that was put back leaves, and samples of that: no buffer that goes round
+COUNTERS = {
+    **{2.0**bits * unit: f"{bits} bits" for bits in (16, 32) for unit in (1.0, 1e-3, 1e-6, 1e-7, 1e-9)},
+    86_400.0: "the seconds of a day",
+}
+"""When counters that stamps are taken from begin anew [s], and what they are."""
 LATEST = 1e15  # [s]; stamps beyond it are no times, whatever the file says
 
 
@@ -36,6 +46,23 @@ class StampReport:
         if self.backward:
             parts.append(f"{self.backward} stamps out of order (sorted)")
         return ", ".join(parts)
+
+
+def unwrapped(time: FloatArray) -> tuple[FloatArray, str]:
+    """Stamps (K,) [s] of a counter that begins anew, as they go on, and a line about it; else as they are, and ""."""
+    steps = np.diff(time)
+    back, onwards = steps < 0, steps[steps > 0]
+    if not back.any() or not len(onwards):
+        return time, ""
+    usual = 2.5 * float(np.median(onwards))
+    for period, what in COUNTERS.items():
+        low, high = (0.0, period) if time.min() >= 0 else (-period / 2, period / 2)
+        across = steps[back] + period
+        if low <= time.min() and time.max() < high and np.all((across > 0) & (across <= min(usual, period / 8))):
+            begun = np.append(0, np.cumsum(back))
+            told = f"its times begin anew, as a counter of {what} does, and are counted on: {begun[-1]} times"
+            return time + period * begun, told
+    return time, ""
 
 
 def ordered(
@@ -91,10 +118,16 @@ def _columns(time: ArrayLike, signals: Mapping[str, ArrayLike], name: str) -> tu
 
 
 def _require_one_run(stamps: FloatArray, order: NDArray[np.intp], name: str) -> None:
-    """See that sorted stamps (K,) would not mix long ascending runs, as those of several recordings in one file."""
+    """See that sorted stamps (K,) would neither mix long ascending runs, as those of several recordings in one file,
+    nor put what came later long before the rest, as of a clock that was put back."""
     back = np.flatnonzero(stamps[1:] < stamps[:-1]) + 1
     run = np.searchsorted(back, order, side="right")
-    if np.count_nonzero(np.diff(run)) > MIXED * len(back):
+    changes = np.diff(run)
+    steps = np.diff(stamps[order])
+    parted = (changes < 0) & (steps > HOLE * np.median(steps))
+    least = min(len(part) for part in np.split(stamps, back))
+    mixed = np.count_nonzero(changes) > min(MIXED, max(LEAST_MIXED, len(stamps) // 2)) * len(back)
+    if mixed or (least >= RUN and parted.any() and np.count_nonzero(changes) == len(back)):
         before, after = stamps[back[0] - 1], stamps[back[0]]
         raise TraceError(
             name,

@@ -19,7 +19,7 @@ from orchestrator.can.database.sources import DatabaseFiles
 from orchestrator.formats.headings import SECONDS, names_time, split, time_unit
 from orchestrator.formats.recording import Recording
 from orchestrator.formats.stamps import Stamps
-from orchestrator.stamps import ordered
+from orchestrator.stamps import ordered, unwrapped
 from orchestrator.trace import FloatArray
 
 Separator = Literal[",", ";", "|", "tab", "blank"]
@@ -173,10 +173,11 @@ class ColumnChoice:
             TraceError: fewer than two distinct stamps, or one that is not finite; numbers of an unknown unit that look
                 like days or like milliseconds since 1970.
         """
+        told = ""
         if self.even:
             time = self.seconds * np.arange(len(np.asarray(column(self.time))), dtype=np.float64)
         else:
-            time = self._numbers(column(self.time)) if stamps is None else stamps.time
+            time, told = unwrapped(self._numbers(column(self.time))) if stamps is None else (stamps.time, "")
         coded = {key: words(self.signals[key]) for key in self.texts} if words is not None else {}
         signals = {key: coded[key][0] if key in coded else column(index) for key, index in self.signals.items()}
         trace, report = ordered(time, signals, self.units, str(self.place))
@@ -187,7 +188,7 @@ class ColumnChoice:
             report,
             self.place,
             sha256(self.place),
-            (*notes, *self.notes, *found.notes),
+            (*notes, *self.notes, *found.notes, *filter(None, [told])),
             found.start,
             layout=self.layout,
         )

@@ -14,6 +14,7 @@ from fmus.words import excerpt
 from orchestrator.trace import FloatArray
 
 Instants = NDArray[np.int64]
+HOUR = 3600 * 10**9  # [ns]
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,21 @@ def since_first(instants: Instants, zone: str | None, place: Path, notes: tuple[
         TraceError: no such zone, or clocks were changed there and then.
     """
     if zone is None:
+        _refuse_put_back(instants, place)
         notes = (*notes, "its times name no zone and are taken as UTC (`time_zone` in the layout)")
     elif zone != "UTC":
         instants, seen = _utc(instants, zone, place)
         notes = (*notes, *seen)
     return Stamps((instants - instants[0]) / 1e9, float(instants[0] / 1e9), notes)
+
+
+def _refuse_put_back(instants: Instants, place: Path) -> None:
+    """See that no clock was put back by an hour: without its zone nobody can tell what came when."""
+    steps = np.diff(instants)
+    back = np.flatnonzero((steps < 0) & (steps >= -HOUR) & (steps + HOUR <= 20 * np.median(np.abs(steps))))
+    if len(back):
+        problem = f"its times go back by an hour at sample {back[0] + 2}, as clocks are put back"
+        raise TraceError(place, problem, "say `time_zone` in the layout, such as Europe/Berlin")
 
 
 def _utc(local: Instants, zone: str, place: Path) -> tuple[Instants, tuple[str, ...]]:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import TraceError
-from orchestrator.stamps import ordered
+from orchestrator.stamps import ordered, unwrapped
 
 STAMPS = st.lists(st.sampled_from([k * 0.25 for k in range(12)]), min_size=2, max_size=30).filter(
     lambda stamps: len(set(stamps)) > 1
@@ -93,4 +93,47 @@ def test_blocks_of_samples_that_came_late_are_sorted() -> None:
     late = np.concatenate([time[:100], time[200:], time[100:200]])
     trace, report = ordered(late, {"a": late})
     assert np.array_equal(trace.time, time) and np.array_equal(trace["a"], time)
+    assert report.backward == 1
+
+
+@pytest.mark.parametrize(
+    ("period", "unit"),
+    [(2**32, 1e-6), (2**32, 1e-3), (2**32, 1e-9), (2**16, 1e-3), (2**16, 1.0), (86_400, 1.0)],
+)
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_counter_that_begins_anew_is_counted_on(period: int, unit: float, signed: bool) -> None:
+    if signed and period == 86_400:
+        return
+    step = max(period // 5000, 1)
+    true = period - 50 * step + step * np.arange(12_000)
+    counted = (true + signed * period // 2) % period - signed * period // 2
+    time, told = unwrapped(counted * unit)
+    assert np.diff(time) == pytest.approx(np.full(11_999, step * unit), rel=1e-6)
+    assert "begin anew" in told
+    assert told.endswith(f"{np.count_nonzero(np.diff(counted) < 0)} times")
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        [0.0, 0.1, 0.2, 0.15, 0.3],  # one came late
+        [5.0, 6.0, 7.0, 0.0, 1.0, 2.0, 3.0],  # a buffer that goes round
+        [60.0, 61.0, 62.0, 0.0, 1.0, 2.0, 3.0],  # a clock that was put back by something else
+        [0.0, 20_000.0, 40_000.0, 60_000.0, 10_000.0],  # steps too wide to tell
+    ],
+)
+def test_other_stamps_that_go_back_are_no_counter(stamps: list[float]) -> None:
+    time, told = unwrapped(np.array(stamps))
+    assert (time.tolist(), told) == (stamps, "")
+
+
+def test_a_clock_that_was_put_back_is_refused() -> None:
+    for first, second in [(np.arange(100) + 3600.0, np.arange(100.0)), (np.arange(20.0), np.arange(20.0))]:
+        with pytest.raises(TraceError, match=f"starts anew at sample {len(first) + 1}"):
+            ordered(np.append(first, second), {})
+
+
+def test_what_a_buffer_that_goes_round_holds_is_sorted() -> None:
+    trace, report = ordered(np.roll(np.arange(100.0), 37), {})
+    assert np.array_equal(trace.time, np.arange(100.0))
     assert report.backward == 1

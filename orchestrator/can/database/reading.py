@@ -22,7 +22,7 @@ from fmus.encodings import decoded, encoding_of
 from fmus.errors import DatabaseError
 from fmus.files import absence
 from fmus.words import complaint
-from orchestrator.can.database import canopen_pdos
+from orchestrator.can.database import autosar, canopen_pdos
 from orchestrator.can.database.dbc_text import STRINGS, DbcText
 from orchestrator.can.database.message import LeftOut, instead
 
@@ -87,6 +87,9 @@ def read(path: Path, encoding: str | None) -> Read:
         return _sound(path, DbcText(text), notes)
     if suffix == ".sym" and not text.endswith("\n"):  # cantools passes over a line that is cut off
         notes = [*notes, f"its last line, {text.rpartition(chr(10))[2][:40]}, has no end; check that the file is whole"]
+    if suffix == ".arxml":
+        text, told = autosar.completed(text)
+        notes = [*notes, *told]
     try:
         return replace(_parsed(path, suffix, text), notes=notes)
     except UnreadableError as fault:
