@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from orchestrator.cli.options import Isolate
 from orchestrator.cli.terminal import Answer, Listing, Out, Terminal, command
 
 if TYPE_CHECKING:
+    from orchestrator.comparison.comparison import Comparison, Tolerance
     from orchestrator.comparison.vocabulary import Acceptance
 
 app = typer.Typer()
@@ -69,6 +71,37 @@ def _accepted(found: Acceptance, dry: bool) -> Iterator[Listing | str]:
     yield f"curves in {page}" if found.references else "no case asks for `reference: accepted`"
 
 
+@dataclass(frozen=True)
+class Setting:
+    """What things are compared in."""
+
+    scenario: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What FMUs, or ways to run, are compared in.")
+    ] = None
+    component: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The component of the scenario that the FMUs take the place of.")
+    ] = None
+    case: Annotated[str | None, typer.Option(metavar="NAME", help="This case alone.")] = None
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """By how much they may differ."""
+
+    absolute: Annotated[float, typer.Option(min=0, help="Tolerance [unit of each signal] ...")] = 1e-9
+    relative: Annotated[float, typer.Option(min=0, help="... or of its largest magnitude; the larger holds.")] = 1e-6
+    within: Annotated[
+        list[str] | None, typer.Option(metavar="SIGNAL=VALUE", help="Tolerance of one signal: 0.1, or '0.1 deg'.")
+    ] = None
+
+    def tolerance(self) -> Tolerance:
+        """As the comparison takes them."""
+        from orchestrator.comparison.comparison import Tolerance
+
+        within = dict(_halves("--within", text) for text in self.within or [])
+        return Tolerance(self.absolute, self.relative, within)
+
+
 @command(app)
 def compare(
     terminal: Terminal,
@@ -82,18 +115,8 @@ def compare(
     ],
     other: Annotated[str, typer.Argument(metavar="B", help="What it is held against, of any of these kinds.")],
     *,
-    scenario: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="What FMUs, or ways to run, are compared in.")
-    ] = None,
-    component: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The component of the scenario that the FMUs take the place of.")
-    ] = None,
-    case: Annotated[str | None, typer.Option(metavar="NAME", help="This case alone.")] = None,
-    absolute: Annotated[float, typer.Option(min=0, help="Tolerance [unit of each signal] ...")] = 1e-9,
-    relative: Annotated[float, typer.Option(min=0, help="... or of its largest magnitude; the larger holds.")] = 1e-6,
-    within: Annotated[
-        list[str] | None, typer.Option(metavar="SIGNAL=VALUE", help="Tolerance of one signal: 0.1, or '0.1 deg'.")
-    ] = None,
+    setting: Setting,
+    tolerances: Tolerances,
     pair: Annotated[
         list[str] | None, typer.Option(metavar="SIGNAL=SIGNAL", help="A signal of A, and what it is called in B.")
     ] = None,
@@ -106,37 +129,34 @@ def compare(
     Exit code 1 when they part beyond the tolerance.
     """
     from orchestrator.comparison import telling
-    from orchestrator.comparison.comparison import Tolerance
     from orchestrator.comparison.vocabulary import compare as compared
-    from orchestrator.crossing import notes
     from orchestrator.results import check_target
 
-    files = [Path(one), Path(other)]
-    tolerance = Tolerance(absolute, relative, dict(_halves("--within", text) for text in within or []))
+    files, tolerance = [Path(one), Path(other)], tolerances.tolerance()
     if out is not None:
         check_target(out, [path for path in files if path.exists()])
+    names = dict(_halves("--pair", text)[::-1] for text in pair or [])
     found = compared(
-        one,
-        other,
-        scenario=scenario,
-        component=component,
-        case=case,
-        tolerance=tolerance,
-        names=dict(_halves("--pair", text)[::-1] for text in pair or []),
-        stop=stop,
-        step=step,
-        bar=terminal.bar,
+        one, other, **vars(setting), tolerance=tolerance, names=names, stop=stop, step=step, bar=terminal.bar
     )
-    document = telling.document_of(found)
-    shown: list[Listing | str] = [f"note: {line}" for line in (*found.notes, *found.interface)]
-    shown += notes(document["units"]) if not terminal.verbose else []  # the log has them, too
-    shown.append(Listing(telling.HEADERS, list(telling.rows(found)), figures=True))
-    shown += [drawing] if (drawing := telling.drawn(found)) else []
-    shown.append(telling.sentence(found))
+    shown = list(_compared(found, terminal.verbose > 0))
     if out is not None:
         telling.write(found, out, files)
         shown.append(f"curves in {out / 'report.html'}")
-    return Answer(document, shown, found.agree)
+    return Answer(telling.document_of(found), shown, found.agree)
+
+
+def _compared(found: Comparison, verbose: bool) -> Iterator[Listing | str]:
+    """What there is to say of it, for people."""
+    from orchestrator.comparison import telling
+    from orchestrator.crossing import documents_of, notes
+
+    yield from (f"note: {line}" for line in (*found.notes, *found.interface))
+    if not verbose:  # the log has them, too
+        yield from notes(documents_of(found.crossings))
+    yield Listing(telling.HEADERS, list(telling.rows(found)), figures=True)
+    yield from filter(None, [telling.drawn(found)])
+    yield telling.sentence(found)
 
 
 def _halves(option: str, text: str) -> tuple[str, str]:

@@ -61,35 +61,47 @@ def build(
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the FMUs.")] = None,
 ) -> Answer:
     """Build FMUs from model files, from the sources that FMUs bring along, or of a whole system."""
-    from fmus import library
-    from fmus.packaging import targets
-
+    folder, platforms = out or Path("out/fmus"), platform or ["host"]
     if bus is not None and (system is not None or from_sources or not models):
         raise InputError("--bus", "is for models that are named", "servotwin build MODEL --fmi 3 --bus FILE.dbc")
     if system is not None:
         if models or from_sources or target == "python":
             other = "--from-sources" if from_sources else "--target python" if target else models and models[0]
             raise InputError("--system", f"does not go with {other}", "servotwin build --system SCENARIO")
-        return _of_system(terminal, system, expose or [], fmi, platform or ["host"], out or Path("out/fmus"))
+        return _of_system(terminal, system, expose or [], fmi, platforms, folder)
     if expose:
         raise InputError("--expose", "says what the FMU of a system shows", "give --system SCENARIO, too")
     if from_sources:
         if not models or target is not None:
             raise InputError("--from-sources", "is for FMU files alone", "servotwin build --from-sources FILE.fmu")
-        return _compiled(terminal, [Path(model) for model in models], platform or ["host"], out or Path("out/fmus"))
-    chosen = [library.find(name) for name in models or library.names()]
+        return _compiled(terminal, [Path(model) for model in models], platforms, folder)
+    return _of_models(terminal, models, target, fmi, platforms, bus, folder)
+
+
+def _of_models(
+    terminal: Terminal,
+    names: list[str] | None,
+    target: str | None,
+    fmi: int,
+    platforms: list[str],
+    bus: Path | None,
+    out: Path,
+) -> Answer:
+    """An FMU of each model."""
+    from fmus import library
+    from fmus.packaging import targets
+
+    chosen = [library.find(name) for name in names or library.names()]
     packaging = target or targets.preferred()
-    files = {model.name: (out or Path("out/fmus")) / f"{model.name}.fmu" for model in chosen}
+    files = {model.name: out / f"{model.name}.fmu" for model in chosen}
     buses = {} if bus is None else _on_bus(chosen, bus)
     with terminal.bar("building") as move:
         for number, model in enumerate(chosen):
             move(number / len(chosen), model.name)
             network = buses[model.name].network if buses else None
-            targets.build(
-                model, files[model.name], target=packaging, fmi=fmi, platforms=platform or ("host",), network=network
-            )
+            targets.build(model, files[model.name], target=packaging, fmi=fmi, platforms=platforms, network=network)
     rows = [(model.name, str(files[model.name]), model.description) for model in chosen]
-    document = {"fmus": {name: str(file) for name, file in files.items()}, "target": packaging, "fmi": fmi}
+    document: dict[str, object] = {"fmus": files, "target": packaging, "fmi": fmi}
     notes = [f"{name}: {note}" for name, found in buses.items() for note in found.notes]
     if buses:
         document["buses"] = {name: found.document() for name, found in buses.items()}

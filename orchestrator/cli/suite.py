@@ -118,13 +118,9 @@ def test(
     Exit code 1 when an expectation fails, or a claim does not come out as its study states; 4 when a file met a fault
     of servotwin, which ends that file alone.
     """
-    from orchestrator.batch import index
     from orchestrator.batch.discovery import find_scenarios
-    from orchestrator.batch.history import remember
-    from orchestrator.batch.procedure import outputs_of
     from orchestrator.batch.scenario_judge import ScenarioJudge
-    from orchestrator.batch.suite import run_suite
-    from orchestrator.batch.summary import HEADERS, SuiteSummary
+    from orchestrator.batch.summary import SuiteSummary
 
     limits, folder, places = limited.limits(), out or Path("out/test"), paths or [Path("scenarios")]
     if mutate:
@@ -137,6 +133,18 @@ def test(
         none = SuiteSummary([], 0.0, jobs)
         telling.tell(none)
         return Answer(_document(none), [f"nothing to run: {chosen.nothing}"])
+    summary = _run(terminal, tasks, jobs, folder, limits)
+    telling.tell(summary)
+    return _judged(terminal, summary, folder)
+
+
+def _run(terminal: Terminal, tasks: Sequence[SuiteFile], jobs: int, folder: Path, limits: CaseLimits) -> SuiteSummary:
+    """How the files turned out, which is remembered for the next time."""
+    from orchestrator.batch import index
+    from orchestrator.batch.history import remember
+    from orchestrator.batch.suite import run_suite
+    from orchestrator.batch.summary import SuiteSummary
+
     index.prepare(folder)
     passed: dict[Path, bool] = {}
     begun = perf_counter()
@@ -150,17 +158,24 @@ def test(
             verdicts = run_suite(tasks, folder, jobs, done, limits)
         finally:  # what an interrupt has left is known, too
             remember(passed, folder)
-    summary = SuiteSummary(verdicts, perf_counter() - begun, jobs)
-    telling.tell(summary)
-    page = index.write_index(summary, folder)
+    return SuiteSummary(verdicts, perf_counter() - begun, jobs)
+
+
+def _judged(terminal: Terminal, summary: SuiteSummary, folder: Path) -> Answer:
+    """What there is to say of a suite, and whether all held."""
+    from orchestrator.batch.index import write_index
+    from orchestrator.batch.procedure import outputs_of
+    from orchestrator.batch.summary import HEADERS
+
+    verdicts, page = summary.verdicts, write_index(summary, folder)
     said = [text for verdict in verdicts if (text := outputs_of(verdict.document))] if terminal.verbose else []
     for verdict in verdicts if terminal.verbose >= 2 else ():
         if verdict.fault:
             terminal.say(verdict.fault)
-    held = all(verdict.passed for verdict in verdicts)
     table = Listing(HEADERS, summary.rows(all_files=terminal.verbose > 0))
     shown: list[Listing | str] = [*said, table, summary.sentence, f"all reports from {page} on"]
-    return Answer(_document(summary), shown, held, failure=_fault(verdicts))
+    document = _document(summary)
+    return Answer(document, shown, bool(document["passed"]), failure=_fault(verdicts))
 
 
 def _to_be_changed(paths: Sequence[Path], isolate: Isolate) -> list[SuiteFile]:
@@ -197,11 +212,11 @@ def _mutated(terminal: Terminal, tasks: Sequence[SuiteFile], jobs: int, folder: 
     ]
     document = {
         "noticed": coverage.share,
-        "unseen": {name: [str(file) for file in files] for name, files in unseen.items()},
-        "unnoticed": {name: [str(file) for file in files] for name, files in unnoticed.items()},
+        "unseen": unseen,
+        "unnoticed": unnoticed,
         "errors": errors,
         "parameters": [
-            {"file": str(file), "parameter": name, "outcome": str(outcome), "found": coverage.found[file, name]}
+            {"file": file, "parameter": name, "outcome": outcome, "found": coverage.found[file, name]}
             for (file, name), outcome in coverage.outcomes.items()
         ],
     }

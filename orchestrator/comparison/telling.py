@@ -6,10 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from typing_extensions import TypedDict
-
 from orchestrator.comparison.comparison import Comparison
-from orchestrator.crossing import CrossingDocument, documents_of
+from orchestrator.crossing import documents_of
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
 from orchestrator.measures import Parting
@@ -32,27 +30,7 @@ class FirstParting:
     tolerance: float
 
 
-class PairDocument(TypedDict):
-    """A case of both sides."""
-
-    name: str
-    signals: Sequence[Parting]
-
-
-class ComparisonDocument(TypedDict):
-    """Two sides held against each other, as plain values."""
-
-    a: str
-    b: str
-    agree: bool
-    first: FirstParting | None
-    cases: list[PairDocument]
-    notes: list[str]
-    interface: list[str]
-    units: list[CrossingDocument]
-
-
-def document_of(comparison: Comparison) -> ComparisonDocument:
+def document_of(comparison: Comparison) -> dict[str, object]:
     """A comparison as plain values."""
     return {
         "a": comparison.one.name,
@@ -60,8 +38,8 @@ def document_of(comparison: Comparison) -> ComparisonDocument:
         "agree": comparison.agree,
         "first": _first(comparison),
         "cases": [{"name": pair.name, "signals": pair.partings} for pair in comparison.pairs],
-        "notes": list(comparison.notes),
-        "interface": list(comparison.interface),
+        "notes": comparison.notes,
+        "interface": comparison.interface,
         "units": documents_of(comparison.crossings),
     }
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import logging
-import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +18,7 @@ from orchestrator.fmi.component import Texts
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.functions.base import DISCARD, FAILED, FATAL, FmiFunctions
 from orchestrator.fmi.functions.values import VariableGroup
-from orchestrator.fmi.interface import Port, Value
+from orchestrator.fmi.interface import Port, Value, start_numbers
 from orchestrator.fmi.said import LOG, REPEATS
 from orchestrator.fmi.status import returned
 from orchestrator.processes import arithmetic, last_words
@@ -316,20 +315,14 @@ class FmuInstance(Generic[A]):
         """variable -> start value that tells whether a reset works; of many, states and outputs come first."""
         ports = [port for port in self.interface.ports.values() if port.exact]
         ports.sort(key=lambda port: port.causality == "parameter")
-        return self._starts(port.name for port in ports[:_MOST_EXACT])
-
-    def _starts(self, names: Iterable[str]) -> dict[str, float]:
-        """Declared start values of those that have one that is a number."""
-        ports = (self._port(name) for name in names)
-        starts = {port.name: port.start_number for port in ports if port.numeric and not port.array}
-        return {name: start for name, start in starts.items() if start is not None}
+        return start_numbers(ports[:_MOST_EXACT])
 
     def _not_reset(self) -> dict[str, float]:
         """Variables with another value than the one they are declared to start from, and that value."""
         given = self._given_group if self._given else None
         if self._watched is None or given is not self._watched_beside:
             beside = self._doubtful | self._given.keys()
-            known = {**self._exact, **self._starts(self._touched)}
+            known = {**self._exact, **start_numbers(map(self._port, self._touched))}
             self._watched = {name: start for name, start in known.items() if name not in beside}
             self._watched_beside = given
             self._watched_group, self._watched_starts = self._group(*self._watched), [*self._watched.values()]
@@ -340,8 +333,8 @@ class FmuInstance(Generic[A]):
             self._check(status, f"get {', '.join(self._watched)}")
         if values == self._watched_starts:
             return {}
-        pairs = zip(self._watched.items(), values, strict=True)
-        return {name: value for (name, start), value in pairs if not self._close(name, start, value)}
+        differing = self._watched_group.differing(self.name, self._watched.values(), values)
+        return {name: float(value) for name, _, value in differing}
 
     def _distrust_reset(self, why: str) -> None:
         """Go without resets from now on."""
@@ -377,24 +370,9 @@ class FmuInstance(Generic[A]):
             self._check(status, f"get {', '.join(given)}")
         if values == list(given.values()):
             return
-        for (name, value), taken in zip(given.items(), values, strict=True):
-            if value != taken and not self._close(name, value, taken):
-                raise FmuError(
-                    f"{self.name}.{name}",
-                    f"was set to {value} but is {taken}",
-                    "the FMU does not take it; remove it or ask the supplier",
-                )
-
-    def _close(self, name: str, value: Value, taken: Value) -> bool:
-        """Whether two values differ by rounding only, be it to the single precision in which some FMUs keep theirs."""
-        if not (isinstance(value, float) and isinstance(taken, float)):
-            return False
-        if math.isclose(value, taken, rel_tol=1e-12):
-            return True
-        single = math.isfinite(taken) and ctypes.c_float(value).value == ctypes.c_float(taken).value == taken
-        if single and not self._fmi.single(self._port(name)):
-            LOG.info("%s.%s: is kept in single precision, %r as %r", self.name, name, value, taken)
-        return single
+        for name, value, taken in group.differing(self.name, given.values(), values):
+            problem = f"was set to {value} but is {taken}"
+            raise FmuError(f"{self.name}.{name}", problem, "the FMU does not take it; remove it or ask the supplier")
 
     def _log(self, status: int, category: str, message: str) -> None:
         line = " ".join(message.split())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from fmus import units
@@ -241,6 +241,12 @@ class Port:
                 place, f"{value} does not fit into {self.type} ({low} to {high})", "choose a value inside"
             )
         return int(value)
+
+
+def start_numbers(ports: Iterable[Port]) -> dict[str, float]:
+    """Declared start values of those that have one that is a number, and are no elements of arrays."""
+    starts = {port.name: port.start_number for port in ports if port.numeric and not port.array}
+    return {name: start for name, start in starts.items() if start is not None}
 
 
 @dataclass(frozen=True)

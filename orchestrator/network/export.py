@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypedDict
 
 from fmus.errors import DatabaseError, InputError
 from fmus.modelling.model import Model, Variable
@@ -17,28 +16,10 @@ from orchestrator.can.database.database import Database, load
 from orchestrator.can.database.message import MessageSpec, SignalSpec, checksum_byte
 from orchestrator.can.database.protection import ALGORITHMS
 from orchestrator.can.frames import CLASSIC
-from orchestrator.crossing import Crossing, CrossingDocument, crossing, documents_of, named
+from orchestrator.crossing import Crossing, crossing, documents_of, named
 from orchestrator.network.paged import in_order, pages_of, place_of, presence_of, received_by
 
 _MOST = 256  # frames of one FMU
-
-
-class FrameDocument(TypedDict):
-    """A frame and its variables; the period in seconds of what is sent."""
-
-    name: str
-    id: int
-    period: float | None
-    variables: list[str]
-
-
-class NetworkDocument(TypedDict):
-    """What a model has on a bus."""
-
-    terminal: str
-    frames: list[FrameDocument]
-    units: list[CrossingDocument]
-    notes: list[str]
 
 
 @dataclass(frozen=True)
@@ -54,7 +35,7 @@ class ExportedNetwork:
     notes: tuple[str, ...]
     crossings: tuple[Crossing, ...]
 
-    def document(self) -> NetworkDocument:
+    def document(self) -> dict[str, object]:
         """Frames and their variables, for somebody to see."""
         return {
             "terminal": self.network.name,
@@ -68,7 +49,7 @@ class ExportedNetwork:
                 for frame in self.network.frames
             ],
             "units": documents_of(self.crossings),
-            "notes": [*self.notes],
+            "notes": self.notes,
         }
 
 

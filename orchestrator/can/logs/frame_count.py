@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
@@ -12,37 +11,12 @@ from fmus.words import listed
 from orchestrator.can.frames import CALENDAR, Flag, Frames, since
 
 MOST = 1 << 16  # different identifiers that are kept apart
-Special = Literal["error frames", "remote frames", "CAN FD frames", "sent frames"]
-SPECIAL: dict[Special, Flag] = {
+SPECIAL = {
     "error frames": Flag.ERROR,
     "remote frames": Flag.REMOTE,
     "CAN FD frames": Flag.FD,
     "sent frames": Flag.SENT,
 }
-
-
-class IdentifierDocument(TypedDict):
-    id: str
-    frames: int
-    period: float | None
-
-
-FrameCountDocument = TypedDict(
-    "FrameCountDocument",
-    {
-        "frames": int,
-        "duration": float,
-        "start": str,
-        "channels": list[int],
-        "error frames": NotRequired[int],
-        "remote frames": NotRequired[int],
-        "CAN FD frames": NotRequired[int],
-        "sent frames": NotRequired[int],
-        "identifiers": list[IdentifierDocument],
-        "frames of more identifiers": NotRequired[int],
-    },
-)
-"""Counts over a stream of frames; times in seconds, the start as `moment` tells it."""
 
 
 @dataclass
@@ -73,7 +47,7 @@ class FrameCount:
     frames: int = 0
     identifiers: dict[str, Identifier] = field(default_factory=dict)
     others: int = 0
-    special: dict[Special, int] = field(default_factory=dict)
+    special: dict[str, int] = field(default_factory=dict)
     channels: set[int] = field(default_factory=set)
     first: float = np.inf
     last: float = -np.inf
@@ -91,9 +65,9 @@ class FrameCount:
                 self.special[name] = self.special.get(name, 0) + count
         self._feed_identifiers(frames[~frames.has(Flag.ERROR)])
 
-    def document(self) -> FrameCountDocument:
-        """All of it as plain values."""
-        document: FrameCountDocument = {
+    def document(self) -> dict[str, object]:
+        """All of it as plain values; times in seconds, the start as `moment` tells it."""
+        document: dict[str, object] = {
             "frames": self.frames,
             "duration": round(_span(self.first, self.last), 9) if self.frames else 0.0,
             "start": moment(self.first) if self.frames else "",
@@ -103,8 +77,7 @@ class FrameCount:
                 for name, frames in sorted(self.identifiers.items())
             ],
         }
-        for name, count in self.special.items():
-            document[name] = count
+        document |= self.special
         if self.others:
             document["frames of more identifiers"] = self.others
         return document

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from fmus.errors import FmuFileError
 from orchestrator.fmi.component import Texts
 from orchestrator.fmi.functions.base import FAILED, FmiFunctions
 from orchestrator.fmi.interface import Port, Value
+from orchestrator.fmi.said import LOG
 
 
 def _cast(ctype: Any, kind: str) -> Callable[[Any], Any]:
@@ -58,7 +59,7 @@ class VariableGroup:
         by_type: dict[str, list[int]] = {}
         for place, port in enumerate(ports):
             by_type.setdefault(fmi.storage(port.type), []).append(place)
-        self._size, self._texts = len(ports), texts
+        self._fmi, self._ports, self._texts = fmi, ports, texts
         self.texts = {place: port.name for place, port in enumerate(ports) if port.type == "String"}
         kinds = {"Binary": BinaryValues}
         self.typed = [kinds.get(kind, TypedValues)(fmi, kind, ports, places) for kind, places in by_type.items()]
@@ -98,11 +99,30 @@ class VariableGroup:
         """The worst status, and the values in their own types."""
         if self.floats is not None:
             return self.read()
-        values: list[Value] = [0.0] * self._size
+        values: list[Value] = [0.0] * len(self._ports)
         worst = max((typed.get(*typed.arguments) for typed in self.typed), default=0)
         for typed in self.typed:
             typed.unpack(values)
         return worst, values
+
+    def differing(
+        self, place: str, wanted: Iterable[Value], values: Iterable[Value]
+    ) -> Iterator[tuple[str, Value, Value]]:
+        """Name, wanted and present value of each variable that has another value than the wanted one but for rounding,
+        be it to the single precision in which some FMUs keep theirs; `place` names the FMU."""
+        for port, value, taken in zip(self._ports, wanted, values, strict=True):
+            if value != taken and not self._close(place, port, value, taken):
+                yield port.name, value, taken
+
+    def _close(self, place: str, port: Port, value: Value, taken: Value) -> bool:
+        if not (isinstance(value, float) and isinstance(taken, float)):
+            return False
+        if math.isclose(value, taken, rel_tol=1e-12):
+            return True
+        single = math.isfinite(taken) and ctypes.c_float(value).value == ctypes.c_float(taken).value == taken
+        if single and not self._fmi.single(port):
+            LOG.info("%s.%s: is kept in single precision, %r as %r", place, port.name, value, taken)
+        return single
 
 
 class TypedValues:
