@@ -17,6 +17,7 @@ from fmus.units import ONE
 from identification.recordings.bridged import safe_stretches
 from identification.recordings.marks import MUCH, Exclusion, covered, excluded
 from identification.recordings.parts import RecordingPart, parted
+from identification.recordings.rates import filled
 from orchestrator import formats
 from orchestrator.can.log_suffixes import is_log
 from orchestrator.crossing import Crossing, noted
@@ -90,6 +91,7 @@ class TraceSource:
         exclude: stretches that are left out.
         keep: kinds of marks whose stretches are not left out.
         used: signals that the study uses; marks of others do not matter.
+        linear: those that run linearly between their samples, as what is compared does.
     """
 
     folder: Path
@@ -103,6 +105,7 @@ class TraceSource:
     exclude: tuple[Exclusion, ...] = ()
     keep: frozenset[Kind] = frozenset()
     used: frozenset[str] = frozenset()
+    linear: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -322,7 +325,8 @@ def _read(file: Path, source: TraceSource) -> StudyTrace:
     fields, written = _fields(file, source.file_name) if source.file_name else ({}, {})
     recording = formats.read(file, source.layout)
     trace, stamps, held = replace(recording.trace, name=file.stem), recording.stamps, is_log(file)
-    begun = trace.complete() if held else trace  # what a message says first comes a little later than others
+    # what a message says first comes a little later than others
+    begun, slower = (trace.complete(), ()) if held else filled(trace, source.used, source.linear)
     told = recording.marks if held else (*recording.marks, *safe_stretches(file, float(trace.time[-1])))
     matter = [mark for mark in told if not source.used or mark.concerns(source.used)]
     marks, kept = (tuple(mark for mark in matter if (mark.kind in source.keep) == side) for side in (False, True))
@@ -334,7 +338,7 @@ def _read(file: Path, source: TraceSource) -> StudyTrace:
         recording.sha256,
         str(stamps),
         stamps.clean,
-        recording.notes,
+        (*recording.notes, *slower),
         held=held,
         marks=marks,
         kept=kept,

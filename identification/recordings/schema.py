@@ -195,6 +195,7 @@ class TracesBlock(Block):
             exclude,
             frozenset(self.keep),
             signals.commands | signals.measured,
+            signals.measured - signals.commands,
         )
 
     @model_validator(mode="after")

@@ -173,9 +173,8 @@ class ColumnChoice:
             TraceError: fewer than two distinct stamps, or one that is not finite; numbers of an unknown unit that look
                 like days or like milliseconds since 1970.
         """
-        told = ""
         if self.even:
-            time = self.seconds * np.arange(len(np.asarray(column(self.time))), dtype=np.float64)
+            time, told = self.seconds * np.arange(len(np.asarray(column(self.time))), dtype=np.float64), ""
         else:
             time, told = unwrapped(self._numbers(column(self.time))) if stamps is None else (stamps.time, "")
         coded = {key: words(self.signals[key]) for key in self.texts} if words is not None else {}
@@ -337,7 +336,8 @@ def _signals(layout: Layout, columns: FileColumns, time: int | None, place: Path
     signals = {name: _number(column, columns, place) for name, column in layout.columns.items()}
     for number in signals.values():
         if number in columns.useless:
-            what = f"holds {columns.useless[number] or 'nothing'}, not numbers"
+            held = columns.useless[number] or "nothing"
+            what = f"holds {held}" + ("" if " samples " in held else ", not numbers")
             raise TraceError(f"{place}: column {_quoted(columns.label(number))}", what, "choose another column")
     return signals
 

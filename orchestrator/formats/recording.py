@@ -55,9 +55,12 @@ def coarse(largest: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def largest(trace: Trace, before: Mapping[str, float] = MappingProxyType({})) -> dict[str, float]:
-    """What the magnitudes of the signals reach, here and in the pieces before."""
+    """What the magnitudes of the signals reach below those beyond 64 bits, here and in the pieces before."""
     return {name: max(before.get(name, 0.0), _largest(values)) for name, values in trace.signals.items()}
 
 
 def _largest(values: FloatArray) -> float:
-    return float(np.fmax(np.fmax.reduce(values, initial=0.0), -np.fmin.reduce(values, initial=0.0)))
+    reached = float(np.fmax(np.fmax.reduce(values, initial=0.0), -np.fmin.reduce(values, initial=0.0)))
+    if reached <= _LONGEST:
+        return reached
+    return _largest(values[np.abs(values) <= _LONGEST])

@@ -95,11 +95,10 @@ def _clock(layout: Layout, channels: Sequence[ArrayChannel]) -> ArrayChannel | N
 def _useless(channel: ArrayChannel, clock: ArrayChannel | None, count: int) -> str:
     if channel.problem:
         return channel.problem
-    if channel.count != count:
-        return f"{channel.count} samples where the time has {count}"
-    if clock and channel.clock not in ("", clock.name) and channel is not clock:
-        return f"samples at the stamps of '{channel.clock}'"
-    return ""
+    if clock and clock.clock and channel.clock not in ("", clock.name) and channel is not clock:
+        own = f"{channel.count} samples at the stamps of '{channel.clock}' (`time: {channel.clock}` reads those)"
+        return "other stamps" if channel.name == channel.clock else own
+    return f"{channel.count} samples where the time has {count}" if channel.count != count else ""
 
 
 def distinct(channels: Sequence[ArrayChannel]) -> list[ArrayChannel]:

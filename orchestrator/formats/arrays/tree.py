@@ -94,6 +94,9 @@ def read(path: Path, layout: Layout, tree: Tree) -> Recording:
         and node.count > 1
         and (node.is_matrix or node.count in rows)
     ]
+    named = [name for name, node in matrices.items() if node.shape[1] == 1 and _labels(tree.get("names"), 1)]
+    if len(matrices) == 1 and named:  # a table of our own with nothing but times
+        return _of_matrix(path, layout, named[0], matrices[named[0]], tree)
     if len(tables) == 1 and not vectors and not any(isinstance(node, Structure) for node in tree.values()):
         (found,) = tables.items()
         return _of_matrix(path, layout, *found, tree)

@@ -91,7 +91,7 @@ def test_a_capture_is_its_curves_over_their_axes(tmp_path: Path, save: Callable[
     save(tmp_path / "x.mat", {"exp_001": capture})
     recording = read(tmp_path / "x.mat")
     assert recording.trace == Trace(TIME, {"Model/speed": SPEED}, {"Model/speed": "rpm"}, "x")
-    assert any("'Model/slow' holds samples at the stamps of 'time_2'" in note for note in recording.notes)
+    assert any("'Model/slow' holds 20 samples at the stamps of 'time_2'" in note for note in recording.notes)
     other = read(tmp_path / "x.mat", Layout(time="time_2")).trace
     assert other == Trace(TIME * 2, {"Model/slow": -SPEED}, {"Model/slow": "V"}, "x")
 
@@ -347,7 +347,10 @@ def test_measurements_in_mdf_files_are_read_at_their_first_stamps(tmp_path: Path
     recording = read(path)
     signals = {"n": SPEED, "count": np.arange(20.0), "phi": -SPEED}
     assert recording.trace == Trace(TIME, signals, {"n": "rpm", "phi": "deg"}, "y")
-    assert any("'slow' holds 5 samples where the time has 20" in note for note in recording.notes)
+    assert any(
+        "'slow' holds 5 samples at the stamps of 'time_2' (`time: time_2` reads those)" in note
+        for note in recording.notes
+    )
     assert any("read as .mdf" in note for note in recording.notes) == (suffix == ".dat")
     assert read(path, Layout(time="time_2")).trace == Trace(TIME[:5] * 4, {"slow": SPEED[:5]}, {"slow": "V"}, "y")
     path.write_bytes(path.read_bytes()[:900])

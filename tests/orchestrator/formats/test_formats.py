@@ -115,6 +115,9 @@ class RoundTrip:
                 assert str(path) in str(error)
                 assert "\n" not in str(error)
 
+    def test_stamps_without_signals_come_back(self) -> None:
+        assert np.array_equal(through(Trace(np.arange(5.0), {}), self.suffix).trace.time, np.arange(5.0))
+
     def test_a_missing_file_and_a_folder_are_refused(self, tmp_path: Path) -> None:
         with pytest.raises(TraceError, match="no such file"):
             read(tmp_path / f"absent{self.suffix}")
@@ -352,11 +355,13 @@ def test_the_flexible_links_recordings_are_read_by_their_header(butterfly_data: 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
 def test_whole_numbers_that_doubles_do_not_hold_are_noted(suffix: str, tmp_path: Path) -> None:
     numbers = pa.table({"time": [0.0, 0.1], "id": pa.array([2**60 + 1, 5]), "count": pa.array([-(2**53) + 1, 1])})
+    numbers = numbers.append_column("far", pa.array([np.inf, 2.0**62]))
     file = tmp_path / f"numbers{suffix}"
     parquet.write_table(numbers, file) if suffix == ".parquet" else csv.write_csv(numbers, file)
     recording = read(file)
+    assert recording.trace["far"][0] == np.inf
     assert recording.trace["id"][0] == 2.0**60 and recording.trace["count"][0] == 1 - 2.0**53
-    assert recording.notes[-1] == "whole numbers beyond 2^53 are rounded, as doubles are: 'id' to 256"
+    assert recording.notes[-1] == "whole numbers beyond 2^53 are rounded, as doubles are: 'id' to 256, 'far' to 1024"
 
 
 def test_columns_of_one_name_are_all_read(tmp_path: Path) -> None:

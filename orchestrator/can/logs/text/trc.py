@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from orchestrator.can.frames import CLASSIC, LENGTHS, LONGEST, Flag
+from orchestrator.can.logs.text.dates import moment
 from orchestrator.can.logs.text.form import HeaderState, LogReading, TextFormat
 from orchestrator.can.logs.text.lines import TextField, TextLines
 from orchestrator.can.logs.text.rows import (
@@ -27,6 +29,8 @@ from orchestrator.can.logs.text.rows import (
 
 COLUMNS = {"1.0": "N,O,I,L,D", "1.1": "N,O,d,I,L,D", "1.2": "N,O,B,d,I,L,D", "1.3": "N,O,B,d,I,R,L,D"}
 NEWER = {"2.0": "N,O,T,I,d,l,D", "2.1": "N,O,T,B,I,d,R,l,D"}
+START = re.compile(r";\s*start time:\s*(\S.*)", re.IGNORECASE)  # for people, and all that 1.0 has
+EITHER_FIRST = re.compile(r"(0?[1-9]|1[0-2])/(0?[1-9]|1[0-2])/")  # of day and month
 EPOCH = 25569  # days from 1899-12-30 to 1970
 KINDS = {"dt": 0, "fd": Flag.FD, "fb": Flag.FD | Flag.BITRATE_SWITCH, "rr": Flag.REMOTE}
 KINDS |= {"fe": Flag.FD | Flag.BITRATE_SWITCH | Flag.ERROR_STATE, "bi": Flag.FD | Flag.ERROR_STATE}
@@ -51,6 +55,12 @@ def _state(lines: Sequence[str], reading: LogReading) -> TrcState:
 
 
 def _header(line: str, state: TrcState, reading: LogReading) -> TrcState | None:
+    if (said := START.match(line)) and not state.start:
+        begin = None if EITHER_FIRST.match(said[1]) else moment(said[1])
+        if begin is None:
+            raise NoFrameError("this date is not understood, the time of the beginning is not known")
+        reading.findings.zoneless |= not begin.zone
+        return replace(state, start=begin.time)
     name, _, value = line.partition("=")
     if name == ";$FILEVERSION":
         known = {**COLUMNS, **NEWER}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 
 import can
@@ -123,6 +124,29 @@ def test_earlier_versions_of_trc_are_read(tmp_path: Path, version: str) -> None:
     frames = all_of(log)
     assert (frames.id.tolist(), frames.channel.tolist()) == ([0x100], [1 if version == "1.3" else 0])
     assert log.findings.skipped == 1 and not log.damage
+
+
+@pytest.mark.parametrize(
+    ("head", "start"),
+    [
+        (";   Start time: 11.09.2002 16:04:58.123\n", "2002-09-11T16:04:58.123"),
+        (";$FILEVERSION=1.1\n;   Start time: 24.03.2003 12:52:32.484.1\n", "2003-03-24T12:52:32.484"),
+        (
+            ";$FILEVERSION=1.1\n;$STARTTIME=45244.0\n;   Start time: 24.03.2003 12:52:32.484\n",
+            "2023-11-14T00:00:00.000",
+        ),
+        (";   Start time: 9/11/2002 16:04:58.123\n", ""),  # of September or of November
+        (";   Start time: yesterday\n", ""),
+    ],
+)
+def test_where_a_trc_says_its_start_only_in_words_these_count(tmp_path: Path, head: str, start: str) -> None:
+    row = "     1)    10.0  Rx  0100  2  01 02\n" if "1.1" in head else "     1)    10  0100  2  01 02\n"
+    (tmp_path / "a.trc").write_text(f"{head};\n{row}")
+    log = logs.read(tmp_path / "a.trc")
+    begin = datetime.fromisoformat(f"{start}+00:00").timestamp() if start else 0.0
+    assert all_of(log).time.tolist() == pytest.approx([begin + 0.01], abs=1e-6)
+    assert log.findings.zoneless is bool(start)
+    assert len(log.damage) == (not start)
 
 
 def test_long_frames_of_formats_that_do_not_know_them_are_can_fd(tmp_path: Path) -> None:
