@@ -247,7 +247,9 @@ def test_without_a_known_scale_only_ratios_are_seen():
     result = estimate(replace(problem, parameters=ParameterSet(parameters)), ServoHand)
     (combination,) = result.identifiability.unseen
     assert set(combination.coefficients) == set(free)
-    assert combination.message.endswith("only their ratios are seen")
+    told, _, said = combination.message.partition(": ")
+    assert said == "only their ratios are seen"
+    assert set(told.replace(" and ", ", ").split(", ")) == set(free)
 
 
 def test_what_is_determined_is_not_called_unseen():

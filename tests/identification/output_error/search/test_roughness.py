@@ -89,6 +89,21 @@ def test_noise_is_measured_and_steps_are_near_the_best(ripple: float) -> None:
         assert off(run, here, 1, found[1].step) < 0.2 * off(run, here, 1, run.step)
 
 
+@pytest.mark.parametrize("ripple", [1e-5, 1e-6])
+def test_steps_balance_the_noise_against_the_curvature_or_stay_where_was_looked_when_noise_hides_it(
+    ripple: float,
+) -> None:
+    """Of the time constant by the steps of the source; the gain is linear and has no curvature."""
+    (run, here), (smooth, at) = run_of(ripple), run_of(0.0)
+    gain, lag = roughness(run, here, [0, 1]).values()
+    ahead, middle, behind = ((smooth.residuals(moved(at.point, 1, h)) or [])[0] for h in (3e-3, 0.0, -3e-3))
+    curvature = float(np.sqrt(np.mean((ahead - 2 * middle + behind) ** 2))) / 3e-3**2
+    noise = ripple / np.sqrt(2)
+    assert lag.step == pytest.approx(8**0.25 * np.sqrt(noise / curvature), rel=0.1)
+    assert lag.central == pytest.approx((3 * noise / curvature) ** (1 / 3), rel=0.1)
+    assert gain.step == pytest.approx(0.03, rel=0.1)
+
+
 def test_what_is_smooth_has_no_noise_and_the_step_that_is_asked_for() -> None:
     run, here = run_of(0.0)
     for one in roughness(run, here, [0, 1]).values():
