@@ -137,6 +137,18 @@ def test_writing_back_twice_keeps_what_the_second_does_not_name(fmu: Build, tmp_
     assert json.loads(archive.read(twice)[PROVENANCE]) == {"title": "second"}
 
 
+@pytest.mark.parametrize("step", [None, 0.0025])
+def test_importers_are_told_the_step_that_is_given_and_without_one_what_they_were_told(
+    fmu: Build, tmp_path: Path, step: float | None
+) -> None:
+    write_back(fmu("pendulum"), CALIBRATED, tmp_path / "calibrated.fmu", PROVENANT, step)
+    before, now = (
+        read_model_description(str(path)).defaultExperiment.stepSize
+        for path in (fmu("pendulum"), tmp_path / "calibrated.fmu")
+    )
+    assert now == (before if step is None else repr(step))
+
+
 def test_an_fmu_can_be_written_back_onto_itself_and_equal_inputs_give_equal_bytes(fmu: Build, tmp_path: Path) -> None:
     one, other = tmp_path / "a.fmu", tmp_path / "b.fmu"
     for target in (one, other):
