@@ -26,8 +26,7 @@ def moved(group: VariableGroup, floats: Sequence[int], verb: str, direct: bool) 
     for typed in group.typed:
         kind, size, places = _storage(typed.kind, typed.ctype), ctypes.sizeof(typed.ctype), typed.places
         memory, total = ctypes.addressof(typed.values), len(typed.values)
-        side_by_side = typed.in_order and places[-1] - places[0] == total - 1
-        if direct and kind == Storage.FLOAT64 and side_by_side:
+        if direct and kind == Storage.FLOAT64 and typed.in_order and side_by_side(places):
             memory = floats[places[0]]
         else:
             values += [

@@ -81,6 +81,7 @@ def off(run: FreeRun, here: Iterate, column: int, step: float) -> float:
 def test_noise_is_measured_and_steps_are_near_the_best(ripple: float) -> None:
     run, here = run_of(ripple)
     found = roughness(run, here, [0, 1])
+    assert [*found] == [0, 1]
     for column, one in found.items():
         assert one.noise == pytest.approx(ripple / np.sqrt(2), rel=0.3)
         best = min(off(run, here, column, float(step)) for step in np.geomspace(1e-7, 0.03, 30))
@@ -106,8 +107,9 @@ def test_steps_balance_the_noise_against_the_curvature_or_stay_where_was_looked_
 
 def test_what_is_smooth_has_no_noise_and_the_step_that_is_asked_for() -> None:
     run, here = run_of(0.0)
-    for one in roughness(run, here, [0, 1]).values():
-        assert one.noise < 1e-10 and one.step == run.step
+    found = roughness(run, here, [0, 1])
+    assert [*found] == [0, 1]
+    assert all(one.noise < 1e-10 and one.step == run.step for one in found.values())
 
 
 class Gridded(Rippled):

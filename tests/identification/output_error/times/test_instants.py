@@ -112,6 +112,7 @@ def test_segments_share_out_the_samples_of_a_window(offset: float) -> None:
 def test_a_window_of_less_than_two_samples_is_refused() -> None:
     with pytest.raises(TraceError, match=r"run: has a sample every 0\.01 s, fewer than two in the window from 0 s"):
         cuts(squares(EVERY, 121), windows={"length": 0.009})
+    assert {len(cut.measured) for cut in cuts(squares(EVERY, 121), windows={"length": EVERY})} == {2}
 
 
 def test_the_exported_free_run_has_every_step(tmp_path: Path) -> None:
