@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fmus.errors import IdentificationError
+from fmus.errors import FmuError, IdentificationError
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.output_error.search.bootstrap import _levels
 from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
@@ -72,6 +72,31 @@ def test_the_same_seed_gives_the_same_and_another_one_another() -> None:
     one, again = fitted(problem), fitted(problem)
     other = fitted(problem, replace(OPTIONS, intervals=replace(OPTIONS.intervals, seed=5)))
     assert one.ci95 == again.ci95 != other.ci95
+
+
+class Limited(Line):
+    """No run succeeds where the slope is steeper."""
+
+    def __init__(self, steepest: float) -> None:
+        self._steepest = steepest
+
+    def simulate(self, window: int, values: Mapping[str, float]) -> FloatArray:
+        if values["m.slope"] > self._steepest:
+            raise FmuError("m", "too steep")
+        return super().simulate(window, values)
+
+
+@pytest.mark.parametrize(("steepest", "failed"), [(9.0, "none"), (1.05, "few"), (1.01, "many")])
+def test_fits_that_fail_are_told_and_of_too_many_nothing_is_concluded(steepest: float, failed: str) -> None:
+    problem = replace(scattered(12, np.random.default_rng(2)), parameters=ParameterSet((Parameter("m.slope", 0.9),)))
+    options = replace(OPTIONS, intervals=replace(OPTIONS.intervals, resamples=60))
+    found = estimate(problem, lambda: Limited(steepest), options)
+    assert found.intervals.bootstrap is not None
+    count = found.intervals.bootstrap.failed
+    assert {"none": count == 0, "few": 0 < count <= 6, "many": count > 6}[failed]
+    told = [warning for warning in found.warnings if "fits of the bootstrap" in warning]
+    assert told == ([f"{count} of 60 fits of the bootstrap failed and are left out"] if count else [])
+    assert (found.ci95["m.slope"] == (-np.inf, np.inf)) == (failed == "many")
 
 
 def test_too_few_windows_are_refused() -> None:

@@ -144,3 +144,33 @@ def test_a_truth_at_its_bound_is_hardly_ever_said_to_lie_beyond_and_intervals_ho
     for name in ("m.line", "m.square"):
         held = sum(low <= 1.0 <= high for low, high in (one.ci95[name] for one in found))
         assert held >= stats.binom.ppf(1e-3, len(found), 0.95)
+
+
+class Alike:
+    """Two terms of length 1 that share a part of what they do."""
+
+    def __init__(self, shared):
+        first, second = np.linalg.qr(np.random.default_rng(3).normal(size=(200, 2)))[0].T
+        self.columns = np.column_stack((first, shared * first + np.sqrt(1 - shared**2) * second))
+
+    def simulate(self, window, values):
+        return self.columns @ [[values["m.one"]], [values["m.other"]]]
+
+    def close(self):
+        return None
+
+
+@pytest.mark.parametrize(("shared", "told"), [(0.1, False), (0.25, True)])
+def test_a_bound_is_told_from_half_a_standard_deviation_on_by_which_it_moves_another(shared, told):
+    """Four beyond the bound move what shares a tenth by 0.4 and what shares a quarter by 1."""
+    simulator = Alike(shared)
+    measured = simulator.simulate(0, {"m.one": 1.0, "m.other": 1.0})
+    measured = measured + np.random.default_rng(0).normal(0, 0.05, measured.shape)
+
+    def found(most):
+        free = ParameterSet((Parameter("m.one", 0.5), Parameter("m.other", 0.5, upper=most)))
+        return estimate(Problem(free, (Window("w", "t", measured, np.full(1, 20.0)),), ("m.y",)), lambda: simulator)
+
+    free = found(np.inf)
+    held = found(free.values["m.other"] - 4 * free.std["m.other"])
+    assert any("slopes lead beyond" in warning for warning in held.warnings) == told

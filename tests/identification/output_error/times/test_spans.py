@@ -22,7 +22,7 @@ from identification.output_error.times.spans import Samples, on_raster
 from identification.output_error.windows import cut_windows, length_warnings, start_curve
 from identification.recordings.campaign import StudyTrace
 from orchestrator.trace import Trace
-from tests.support.identification.small_study import plain_study, record, study, write_study
+from tests.support.identification.small_study import calibrated, plain_study, record, study, write_study
 
 
 def recorded(every: float, count: int = 401) -> StudyTrace:
@@ -109,3 +109,12 @@ def test_a_study_in_samples_is_the_one_in_seconds(tmp_path: Path, monkeypatch: p
     assert found[0]["parameters"] == found[1]["parameters"]
     assert found[0]["fit"] == found[1]["fit"]
     assert found[1]["warnings"] == found[0]["warnings"]
+
+
+def test_a_length_of_the_validation_that_whole_steps_do_not_make_up_is_told_by_its_name(tmp_path: Path) -> None:
+    file = write_study(
+        tmp_path / "study.yaml", step=0.004, windows={"length": 0.4}, validation={"length": "33 samples"}
+    )
+    warnings = calibrated(file, record(tmp_path / "data"), tmp_path / "out")["warnings"]
+    [line] = [warning for warning in warnings if "which whole steps make" in warning]
+    assert line.startswith("validation.length: 33 samples of ")
