@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from fmus.errors import ScenarioError
 from fmus.parameters import srmd, ssv
@@ -234,32 +234,23 @@ def calibrate_study(
         return _written(found, target, progress)
 
 
-def tune_study(study_file: Path, target: Path, progress: Progress, isolation: Isolation | None = None) -> Summary:
-    """Tune and write the result folder; the summary comes back.
+def study_without_data(
+    command: Literal["tune", "design"],
+    study_file: Path,
+    target: Path,
+    progress: Progress,
+    isolation: Isolation | None = None,
+) -> Summary:
+    """Tune or design, and write the result folder; the summary comes back.
 
     Args:
+        command: of the command line, that the study has to be for.
         isolation: of FMUs given as files, in simulated loops and on rigs; a run that crashes or hangs has failed.
-
-    Raises:
-        InputError: the study or the target do not fit.
-        FmuError: the FMUs fail.
-    """
-    return _without_data(study_file, "tune", target, progress, isolation)
-
-
-def design_study(study_file: Path, target: Path, progress: Progress) -> Summary:
-    """Design and write the result folder; the summary comes back.
 
     Raises:
         InputError: the study or the target do not fit, or no experiment shows all parameters.
         FmuError: the FMUs fail.
     """
-    return _without_data(study_file, "design", target, progress)
-
-
-def _without_data(
-    study_file: Path, command: str, target: Path, progress: Progress, isolation: Isolation | None = None
-) -> Summary:
     study = _loaded(study_file, command)
     with aside(target, [study_file]) as near:
         return _written(_found(study, None, progress, isolation, near / LOG_FILE), target, progress)

@@ -108,12 +108,12 @@ def tune(
     Exit code 1 when no values hold all hard goals (those that miss least are shown, and the goals that bind), or what
     is expected of them on the nonlinear rig (`judged_on`).
     """
-    from identification.calibrate import tune_study
+    from identification.calibrate import study_without_data
     from orchestrator.results import default_folder
 
     folder = out or default_folder(study)
     with terminal.bar(study.stem) as move:
-        document = tune_study(study, folder, move, isolate.isolation())
+        document = study_without_data("tune", study, folder, move, isolate.isolation())
     tuned = cast("TuningSummary", document)
     shown: list[Listing | str] = [_parameters(document), _goals(tuned)]
     shown += [_rig(rig) for rig in tuned.get("rigs", [])]
@@ -134,12 +134,12 @@ def design(
 
     Writes a scenario that runs them, a playback file of each, and the study that calibrates by their recordings.
     """
-    from identification.calibrate import design_study
+    from identification.calibrate import study_without_data
     from identification.design.written import CALIBRATION, EXPERIMENTS
 
     folder = out or Path("out") / study.stem
     with terminal.bar(study.stem) as move:
-        document = design_study(study, folder, move)
+        document = study_without_data("design", study, folder, move)
     designed = cast("DesignSummary", document)
     shown: list[Listing | str] = [_half_widths(designed), *_experiments(designed), *_remarks(document)]
     shown += [f"worst half-width, {name}: {100 * x:.3g} %" for name, x in designed["worst"].items() if x is not None]

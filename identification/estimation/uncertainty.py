@@ -16,7 +16,7 @@ from scipy.linalg import orth
 from scipy.special import stdtrit
 
 from identification.estimation.arrow_least_squares import Loss, WindowBlock
-from identification.estimation.noise import Noise, coloured, white
+from identification.estimation.noise import Coloured, Noise, White, coloured, white
 from identification.estimation.validation import Whiteness, whiteness
 from orchestrator.trace import FloatArray, ReadOnlyArrays
 
@@ -130,27 +130,14 @@ def covariance(
         rows = _seen_only(blocks, rows)
     transform, lost = _whitening(blocks, rows, before)
     unknowns = transform.shape[1] + blocks[0].states.shape[1] * len(blocks)
-    influences = [row.influence for row in rows]
-    freedom = max(sum(map(len, influences)) - unknowns, 1)
-    fitted = [np.column_stack([basis(row.states), row.jacobian @ transform]) for row in rows]
-    flat, correlated = white(influences, outputs, freedom), coloured(influences, outputs, fitted)
-    if rounding is not None:
-        flat, correlated = flat.at_least(rounding), correlated.at_least(rounding)
+    freedom = max(sum(len(row.influence) for row in rows) - unknowns, 1)
+    flat, correlated = _noises(rows, transform, outputs, freedom, rounding)
     tests = tuple(whiteness([b.residual.reshape(-1, outputs)[:, i] for b in blocks]) for i in range(outputs))
-    drawn = _scatter_before(before, transform, noise**2)
-    found: dict[CovarianceMethod, FloatArray] = {
-        "white": _stationary(rows, transform, flat) + drawn,
-        "coloured": _stationary(rows, transform, correlated) + drawn,
-    }
-    deleted = _deleted(rows, transform)
-    if deleted is not None:
-        centred = deleted - deleted.mean(axis=0)
-        found["window"] = centred.T @ centred * (len(rows) - 1) / len(rows) + drawn
-    gradient = sum((row.jacobian.T @ row.influence for row in rows), np.zeros(len(transform)))
-    if before is not None:
-        gradient = gradient + before.parameters.T @ before.residual
-    matrices = {name: marked(matrix, lost) for name, matrix in found.items()}
     is_white = all(test.white for test in tests)
+    deleted = _deleted(rows, transform)
+    drawn = _scatter_before(before, transform, noise**2)
+    found = {name: own + drawn for name, own in _by_method(rows, transform, flat, correlated, deleted).items()}
+    matrices = {name: marked(matrix, lost) for name, matrix in found.items()}
     method: CovarianceMethod = "white" if is_white else "coloured" if deleted is None else "window"
     return Covariance(
         matrices=matrices,
@@ -161,9 +148,39 @@ def covariance(
         samples_each=correlated.samples_each,
         curvature=transform @ transform.T,
         stretch=_stretch(found[method], transform @ transform.T, float(np.trace(flat.covariance)) / outputs),
-        step=-transform @ (transform.T @ gradient),
+        step=-transform @ (transform.T @ _gradient(rows, before)),
         deleted=deleted,
     )
+
+
+def _noises(
+    rows: Sequence[_Rows], transform: FloatArray, outputs: int, freedom: int, rounding: FloatArray | None
+) -> tuple[White, Coloured]:
+    """The white and the coloured model of what is left over, no smaller than its rounding."""
+    influences = [row.influence for row in rows]
+    fitted = [np.column_stack([basis(row.states), row.jacobian @ transform]) for row in rows]
+    flat, correlated = white(influences, outputs, freedom), coloured(influences, outputs, fitted)
+    return (flat, correlated) if rounding is None else (flat.at_least(rounding), correlated.at_least(rounding))
+
+
+def _by_method(
+    rows: Sequence[_Rows], transform: FloatArray, flat: White, correlated: Coloured, deleted: FloatArray | None
+) -> dict[CovarianceMethod, FloatArray]:
+    """Method -> (n, n), without the scatter of what is known before; by windows where these are enough."""
+    found: dict[CovarianceMethod, FloatArray] = {
+        "white": _stationary(rows, transform, flat),
+        "coloured": _stationary(rows, transform, correlated),
+    }
+    if deleted is not None:
+        centred = deleted - deleted.mean(axis=0)
+        found["window"] = centred.T @ centred * (len(rows) - 1) / len(rows)
+    return found
+
+
+def _gradient(rows: Sequence[_Rows], before: WindowBlock | None) -> FloatArray:
+    """(n,) of the cost by the parameters, the states fitted."""
+    own = sum((row.jacobian.T @ row.influence for row in rows), np.zeros(rows[0].jacobian.shape[1]))
+    return np.asarray(own if before is None else own + before.parameters.T @ before.residual)
 
 
 def _stretch(matrix: FloatArray, curvature: FloatArray, noise: float) -> FloatArray:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from fmus.errors import IdentificationError
 from fmus.library import find
-from fmus.modelling.model import Model, namespace, start_values
+from fmus.modelling.model import Model, start_values
+from identification.linearisation.equations import ModelEquations
+from identification.linearisation.slopes import Standing
+from orchestrator.trace import FloatArray
 
 _STEP = 1e-6
 
@@ -41,7 +43,7 @@ def physical_modes(model: str, parameters: Mapping[str, float]) -> tuple[Physica
     stray = [name for name in parameters if name not in defaults]
     if stray:
         raise IdentificationError(f"{model}.{stray[0]}", "is no parameter", f"there are {', '.join(defaults)}")
-    poles = np.linalg.eigvals(_linearised(known, defaults | dict(parameters)))
+    poles = np.linalg.eigvals(_linearised(known, parameters))
     found = [_mode(complex(pole)) for pole in poles if pole.imag > 1e-6]
     return tuple(sorted(found, key=lambda mode: mode.frequency))
 
@@ -50,17 +52,8 @@ def _mode(pole: complex) -> PhysicalMode:
     return PhysicalMode(abs(pole) / (2 * math.pi), -pole.real / abs(pole))
 
 
-def _linearised(model: Model, values: Mapping[str, Any]) -> np.ndarray:
-    """(n, n) central differences of the derivatives by the states, at rest in the origin."""
-    names = [state.name for state in model.continuous]
-    fixed = namespace(values)
-    derivatives = model.derivatives
-    assert derivatives is not None
-
-    def rates(state: np.ndarray) -> np.ndarray:
-        x = namespace(dict(zip(names, state.tolist(), strict=True)))
-        found = derivatives(0.0, x, fixed, fixed)
-        return np.array([float(found[name]) for name in names])
-
-    steps = _STEP * np.eye(len(names))
-    return np.column_stack([(rates(step) - rates(-step)) / (2 * _STEP) for step in steps])
+def _linearised(model: Model, parameters: Mapping[str, float]) -> FloatArray:
+    """(n, n) slopes of the rates by the continuous states, at rest in the origin."""
+    n, origin = len(model.continuous), dict.fromkeys((state.name for state in model.states), 0.0)
+    [whole] = ModelEquations(model, parameters, Standing(0.0, origin, {})).differences(_STEP)
+    return np.asarray(whole[:n, :n])

@@ -32,7 +32,7 @@ def slopes(place: str, model: Model, parameters: Parameters, count: int = 1, at:
     Raises:
         IdentificationError: it does not rest where it starts, remembers what it samples, or has no slope there.
     """
-    equations = _Equations(model, parameters, at)
+    equations = ModelEquations(model, parameters, at)
     moving = _moving(place, equations, count)
     n, m, p = len(equations.states), len(equations.inputs), len(equations.outputs)
     wide = _smooth(place, equations, count, n + p)
@@ -52,7 +52,7 @@ def sampling(
     Raises:
         IdentificationError: as `slopes`; or what it samples changes its rates.
     """
-    equations = _Equations(model, parameters, at)
+    equations = ModelEquations(model, parameters, at)
     n, m, p = len(equations.states), len(equations.inputs), len(equations.outputs)
     [wide] = _smooth(place, equations, 1, n + p + len(equations.sampled))
     rates, outputs, new = wide[:n], wide[n : n + p], wide[n + p :]
@@ -71,10 +71,15 @@ def sampling(
     return Slopes(*between, equations.states, equations.inputs, equations.states, DIFFERENCES, moving), found
 
 
-class _Equations:
-    """A model's functions of one vector: continuous states, inputs, sampled states."""
+class ModelEquations:
+    """A model's functions of one vector: continuous states, inputs, sampled states.
 
-    def __init__(self, model: Model, parameters: Parameters, at: Standing | None) -> None:
+    Attributes:
+        at: where it is; None takes where it starts.
+        names: of the vector's entries; rest: name -> what it is there.
+    """
+
+    def __init__(self, model: Model, parameters: Parameters, at: Standing | None = None) -> None:
         self.model, self.at = model, at
         values = {**start_values(model), **parameters}
         self.states = tuple(state.name for state in model.continuous)
@@ -102,8 +107,18 @@ class _Equations:
             [new[name] for name in self.sampled],
         )
 
+    def differences(self, width: float, count: int = 1) -> FloatArray:
+        """(N, rows, columns) central differences of all results by all variables, of N sets of parameters."""
+        columns = []
+        for name in self.names:
+            above, below = ({**self.rest, name: self.rest[name] + sign * width} for sign in (1, -1))
+            ends = [_stacked(self(point), count) for point in (above, below)]
+            columns.append((ends[0] - ends[1]) / (2 * width))
+        rows = len(self.states) + len(self.outputs) + len(self.sampled)
+        return np.stack(columns, axis=2) if columns else np.zeros((count, rows, 0))
 
-def _moving(place: str, equations: _Equations, count: int) -> float:
+
+def _moving(place: str, equations: ModelEquations, count: int) -> float:
     """How fast a state changes at most; where a model starts it has to rest."""
     rates = np.abs(_stacked([equations(equations.rest)[0]], count)).max(axis=0)
     if equations.at is None and np.any(rates > SLOW):
@@ -113,28 +128,16 @@ def _moving(place: str, equations: _Equations, count: int) -> float:
     return float(rates.max(initial=0.0))
 
 
-def _smooth(place: str, equations: _Equations, count: int, rows: int) -> FloatArray:
+def _smooth(place: str, equations: ModelEquations, count: int, rows: int) -> FloatArray:
     """(N, rows, columns) the differences of the first results, which have to be slopes."""
     model = equations.model
-    wide, narrow = (_differences(equations, width, count)[:, :rows] for width in WIDTHS)
+    wide, narrow = (equations.differences(width, count)[:, :rows] for width in WIDTHS)
     if not np.isfinite(wide).all() or apart(wide, narrow):
         fix = "switch off what does, such as dry friction, play, noise and rounding, by its parameters"
         raise IdentificationError(place, f"'{model.name}' jumps or bends where it rests", fix)
-    if model.update is not None and np.any((wide == 0) & (_differences(equations, COARSE, count)[:, :rows] != 0)):
+    if model.update is not None and np.any((wide == 0) & (equations.differences(COARSE, count)[:, :rows] != 0)):
         raise IdentificationError(place, f"'{model.name}' rounds what it samples", "set its `bits` to 0")
     return wide
-
-
-def _differences(equations: _Equations, width: float, count: int) -> FloatArray:
-    """(N, rows, columns) central differences of all results by all variables."""
-    columns = []
-    for name in equations.names:
-        rest = equations.rest[name]
-        above, below = ({**equations.rest, name: rest + sign * width} for sign in (1, -1))
-        ends = [_stacked(equations(point), count) for point in (above, below)]
-        columns.append((ends[0] - ends[1]) / (2 * width))
-    rows = len(equations.states) + len(equations.outputs) + len(equations.sampled)
-    return np.stack(columns, axis=2) if columns else np.zeros((count, rows, 0))
 
 
 def _stacked(results: Sequence[Sequence[Any]], count: int) -> FloatArray:

@@ -76,8 +76,6 @@ class MatricesBlock(Block):
             ("C", self.C, (p, n)),
             ("D", self.D, (p, m)),
         ):
-            if matrix is not None and {len(matrix), *map(len, matrix)} != ({shape[0], shape[1]} if matrix else {0}):
-                raise ValueError(f"`{name}` is not {shape[0]} x {shape[1]}")
             if matrix is not None and (len(matrix) != shape[0] or any(len(row) != shape[1] for row in matrix)):
                 raise ValueError(f"`{name}` is not {shape[0]} x {shape[1]}")
         return self

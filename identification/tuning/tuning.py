@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from identification.estimation.threads import single_threaded
-from identification.method import CalibratedFmu
 from identification.tuning.assembled import AssembledTuning, assembled
+from identification.tuning.outcome import TuningOutcome
 from identification.tuning.procedures.problem import CandidateJudgement, TuningProblem
-from identification.tuning.procedures.procedure import Found
-from identification.tuning.study import CONTROLLER, TuningStudy
-from orchestrator.fmi.interface import Interface
+from identification.tuning.study import TuningStudy
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
-from orchestrator.scenario.run import ScenarioResult
-from orchestrator.system import dotted_values
 
 
 @dataclass(frozen=True, eq=False)
-class Tuning:
+class Tuning(TuningOutcome):
     """What a study gave.
 
     Attributes:
         unseen: what the values do with draws that they were not fitted to, where there are draws.
-        rigs: how the controller did in the scenarios on which the study has it judged.
     """
 
     study: TuningStudy
     parts: AssembledTuning
-    found: Found
     unseen: CandidateJudgement | None
-    rigs: tuple[ScenarioResult, ...] = ()
 
     @property
     def problem(self) -> TuningProblem:
@@ -43,24 +36,9 @@ class Tuning:
         return self.problem.plants.names
 
     @property
-    def interface(self) -> Interface:
-        """Of the controller."""
-        return self.parts.interface
-
-    @property
     def remarks(self) -> list[str]:
         """What a reader of the figures must know."""
         return [*self.parts.remarks, *self.found.remarks]
-
-    @property
-    def values(self) -> dict[str, float]:
-        """controller.parameter -> value that was found."""
-        return dotted_values(CONTROLLER, self.found.best.values)
-
-    @property
-    def controller(self) -> CalibratedFmu:
-        """The controller's FMU with the study's values and those that were found."""
-        return self.parts.built.calibrated(self.values)[CONTROLLER]
 
 
 @single_threaded
@@ -80,7 +58,4 @@ def tune(study: TuningStudy, progress: Progress = silent, isolation: Isolation |
     found = study.procedure.run(parts.problem, parts.interface, progress)
     parts.problem.require_slopes(found.best.values)
     unseen = None if parts.unseen is None else parts.problem.on(parts.unseen).judged(found.best.values)
-    result = Tuning(study, parts, found, unseen)
-    return replace(
-        result, rigs=tuple(rig.judged(result.controller, found.best.values, progress, isolation) for rig in study.rigs)
-    )
+    return Tuning(study, parts.built, parts.interface, found, parts, unseen).on_rigs(progress, isolation)

@@ -53,36 +53,6 @@ class StepBench(Protocol):
         """(K,) what is tracked after a step of the reference, in a run of both FMUs."""
 
 
-@dataclass(frozen=True)
-class PartlyTuned:
-    """A controller some of whose parameters are found."""
-
-    whole: Controller
-    values: Mapping[str, float]
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of its inputs."""
-        return self.whole.inputs
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of its outputs."""
-        return self.whole.outputs
-
-    def step(self, values: Mapping[str, float]) -> float:
-        """Its sampling time [s] with these parameters over those that are found."""
-        return self.whole.step({**self.values, **values})
-
-    def linear(self, values: Mapping[str, float]) -> LinearModel:
-        """Its matrices with these parameters over those that are found."""
-        return self.whole.linear({**self.values, **values})
-
-    def require_slopes(self, values: Mapping[str, float]) -> None:
-        """See that it is as good as linear with these parameters over those that are found."""
-        self.whole.require_slopes({**self.values, **values})
-
-
 @dataclass(frozen=True, eq=False)
 class CandidateJudgement:
     """What a candidate does.
@@ -157,6 +127,7 @@ class TuningProblem:
         models: the plants one by one, of their own orders.
         bench: where the controller's FMU runs around one of them.
         around: plant -> values that the controller has around it, whatever is sought; those of draws, too.
+        held: values of the controller that are found already, below those that are sought.
     """
 
     plants: PlantSet
@@ -170,6 +141,7 @@ class TuningProblem:
     models: Mapping[str, LinearModel] = field(default_factory=dict)
     bench: StepBench | None = None
     around: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    held: Mapping[str, float] = field(default_factory=dict)
 
     def with_draws(self, numbers: Sequence[int]) -> TuningProblem:
         """The same with some of the draws beside the plants, which have to hold hard goals, too."""
@@ -191,7 +163,7 @@ class TuningProblem:
             InputError: it is not.
         """
         for own in dict.fromkeys(self._owned):
-            self.controller.require_slopes({**values, **dict(own)})
+            self.controller.require_slopes({**self.held, **values, **dict(own)})
 
     @property
     def _owned(self) -> list[tuple[tuple[str, float], ...]]:
@@ -200,7 +172,8 @@ class TuningProblem:
 
     def _controllers(self, values: Mapping[str, float]) -> ControllerSet:
         """One where it is the same around all plants."""
-        models = {own: self.controller.linear({**values, **dict(own)}) for own in dict.fromkeys(self._owned)}
+        sought = {**self.held, **values}
+        models = {own: self.controller.linear({**sought, **dict(own)}) for own in dict.fromkeys(self._owned)}
         kept = models.values() if len(models) == 1 else [models[own] for own in self._owned]
         return ControllerSet.of(list(kept))
 

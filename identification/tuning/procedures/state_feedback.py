@@ -15,7 +15,7 @@ from fmus.errors import IdentificationError
 from fmus.library import find
 from fmus.modelling.model import Model
 from identification.linear.model import UNIT_CIRCLE, LinearModel
-from identification.tuning.procedures.problem import PartlyTuned, TuningProblem
+from identification.tuning.procedures.problem import TuningProblem
 from identification.tuning.procedures.procedure import Found
 from identification.tuning.procedures.riccati import observer, regulator, unreached, unseen
 from identification.tuning.procedures.search import Search
@@ -94,9 +94,7 @@ class StateFeedback:
             drawn = None if problem.draws is None else problem.on(problem.draws).judged(values)
             best = problem.judged(values)
             return Found(best, {}, (), 1, remarks, drawn, problem.share, figures)
-        searched = self.integral.run(
-            replace(problem, controller=PartlyTuned(problem.controller, values)), interface, progress
-        )
+        searched = self.integral.run(replace(problem, held=values), interface, progress)
         best = problem.judged({**values, **searched.best.values})
         figures["ki a sample"] = best.values["ki"] * model.step
         return replace(searched, best=best, remarks=(*remarks, *searched.remarks), figures=figures)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -10,35 +10,27 @@ import numpy as np
 from fmus.errors import IdentificationError, WiringError
 from identification.built_system import BuiltSystem
 from identification.estimation.threads import single_threaded
-from identification.method import CalibratedFmu
 from identification.tuning.asked import FOLLOWING, bound
 from identification.tuning.goals.goal import Goal, LoopSignal, Over, Relative
 from identification.tuning.goals.table import MEASURES
-from identification.tuning.procedures.procedure import Found
+from identification.tuning.outcome import TuningOutcome
 from identification.tuning.simulated.plants import SimulatedLoop
 from identification.tuning.simulated.problem import SimulatedProblem
 from identification.tuning.simulated.search import searched
 from identification.tuning.simulated.study import SimulatedStudy
 from identification.tuning.study import CONTROLLER, GoalSpec
 from orchestrator.assembly.assembly import OpenSystem, SystemSpec
-from orchestrator.fmi.interface import Interface
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
-from orchestrator.scenario.run import ScenarioResult
 from orchestrator.settable import check_values
-from orchestrator.system import dotted_values
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedTuning:
-    """What a study gave; attributes as of `tuning.Tuning`."""
+class SimulatedTuning(TuningOutcome):
+    """What a study gave."""
 
     study: SimulatedStudy
     problem: SimulatedProblem
-    built: BuiltSystem
-    interface: Interface
-    found: Found
-    rigs: tuple[ScenarioResult, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,16 +42,6 @@ class SimulatedTuning:
         """What a reader of the figures must know."""
         failed = self.problem.failures
         return [f"{len(said)} runs of {name} failed on the way, last: {said[-1]}" for name, said in failed.items()]
-
-    @property
-    def values(self) -> dict[str, float]:
-        """controller.parameter -> value that was found."""
-        return dotted_values(CONTROLLER, self.found.best.values)
-
-    @property
-    def controller(self) -> CalibratedFmu:
-        """The controller's FMU with the study's values and those that were found."""
-        return self.built.calibrated(self.values)[CONTROLLER]
 
 
 @single_threaded
@@ -84,10 +66,7 @@ def tune(study: SimulatedStudy, progress: Progress = silent, isolation: Isolatio
     found = searched(study.search, problem, interface, progress)
     if problem.refused and not found.best.stable:
         raise problem.refused[0]
-    result = SimulatedTuning(study, problem, built, interface, found)
-    return replace(
-        result, rigs=tuple(rig.judged(result.controller, found.best.values, progress, isolation) for rig in study.rigs)
-    )
+    return SimulatedTuning(study, built, interface, found, problem).on_rigs(progress, isolation)
 
 
 def _problem(study: SimulatedStudy, built: BuiltSystem, isolation: Isolation | None) -> SimulatedProblem:

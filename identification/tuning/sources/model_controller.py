@@ -6,22 +6,21 @@ the differences are exact to rounding; those of two widths have to agree, so tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import SimpleNamespace
+from collections.abc import Mapping
 
 import numpy as np
 
 from fmus.errors import IdentificationError
 from fmus.modelling.instance import Instance
-from fmus.modelling.model import Model, namespace, start_values
+from fmus.modelling.model import Model, start_values
 from fmus.modelling.symbolic import conflicts
 from identification.linear.model import LinearModel
+from identification.linearisation.equations import ModelEquations
 from identification.linearisation.slopes import differ
 from orchestrator.fmi.interface import Value
 from orchestrator.trace import FloatArray
 
 WIDTHS = (1e-3, 1e-5)  # of the differences, in the variables' units
-Equations = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class ModelController:
@@ -39,10 +38,9 @@ class ModelController:
             fix = "choose one with `update`, such as pdp"
             raise IdentificationError(name, f"model '{model.name}' is no sampled controller", fix)
         self.name, self._model, self._sample_time = name, model, model.sample_time
-        self.inputs = tuple(variable.name for variable in model.of("input"))
-        self.outputs = tuple(variable.name for variable in model.of("output"))
         self._values = {key: float(value) for key, value in {**start_values(model), **values}.items()}
-        self._states = [state.name for state in model.sampled]
+        equations = ModelEquations(model, self._values)
+        self.inputs, self.outputs, self._states = equations.inputs, equations.outputs, equations.sampled
         self._require_fitting()
         self.require_slopes({})
 
@@ -89,46 +87,9 @@ class ModelController:
         self, values: Mapping[str, float], width: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """A, B, C, D of all states."""
-        rest_x, rest_u, equations = self._equations({**self._values, **values})
-        of_x = [_slope(lambda x: equations(x, rest_u), rest_x, i, width) for i in range(len(rest_x))]
-        of_u = [_slope(lambda u: equations(rest_x, u), rest_u, i, width) for i in range(len(rest_u))]
-        states, shown = len(self._states), len(self.outputs)
-        a, c = (_columns([column[part] for column in of_x], size) for part, size in ((0, states), (1, shown)))
-        b, d = (_columns([column[part] for column in of_u], size) for part, size in ((0, states), (1, shown)))
-        return a, b, c, d
-
-    def _equations(self, given: Mapping[str, float]) -> tuple[FloatArray, FloatArray, Equations]:
-        """States and inputs where it rests, and (states, inputs) -> new states and what is shown from then on."""
-        model, states = self._model, self._states
-        p = namespace({variable.name: given[variable.name] for variable in model.of("parameter")})
-        starts = [given[s.start] if isinstance(s.start, str) else float(s.start) for s in model.sampled]
-
-        def equations(x: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-            before = SimpleNamespace(**dict(zip(states, x.tolist(), strict=True)))
-            driven = SimpleNamespace(**dict(zip(self.inputs, u.tolist(), strict=True)))
-            assert model.update is not None
-            new = model.update(0.0, before, driven, p)
-            after = SimpleNamespace(**{name: float(new[name]) for name in states})
-            shown = dict(vars(after)) | dict(model.outputs(0.0, after, driven, p) if model.outputs else {})
-            return np.array([vars(after)[name] for name in states]), np.array([float(shown[n]) for n in self.outputs])
-
-        return np.array(starts), np.array([given[name] for name in self.inputs]), equations
-
-
-def _slope(
-    function: Callable[[FloatArray], tuple[FloatArray, FloatArray]], rest: FloatArray, number: int, width: float
-) -> tuple[FloatArray, FloatArray]:
-    """The central differences of both results by one variable."""
-    above, below = rest.copy(), rest.copy()
-    above[number] += width
-    below[number] -= width
-    span = above[number] - below[number]
-    one, other = function(above), function(below)
-    return (one[0] - other[0]) / span, (one[1] - other[1]) / span
-
-
-def _columns(columns: list[FloatArray], rows: int) -> FloatArray:
-    return np.column_stack(columns) if columns else np.zeros((rows, 0))
+        m, p = len(self.inputs), len(self.outputs)
+        [whole] = ModelEquations(self._model, {**self._values, **values}).differences(width)
+        return whole[p:, m:], whole[p:, :m], whole[:p, m:], whole[:p, :m]
 
 
 def _moved_and_shown(a: FloatArray, b: FloatArray, c: FloatArray) -> list[int]:

@@ -13,7 +13,7 @@ from fmus import library
 from fmus.errors import IdentificationError, InputError
 from fmus.packaging import archive, targets
 from identification import tune
-from identification.calibrate import tune_study
+from identification.calibrate import study_without_data
 from identification.tuning.sources.fmu_controller import FmuController
 from identification.tuning.sources.model_controller import ModelController
 from orchestrator.assembly.assembly import ComponentSpec
@@ -60,7 +60,9 @@ def test_values_for_an_fmu_of_another_supplier_lie_beside_it(tmp_path: Path) -> 
     files = archive.read(targets.build("pi", tmp_path / "pi.fmu"))
     files["modelDescription.xml"] = files["modelDescription.xml"].replace(b'"servotwin"', b'"another tool"')
     archive.write(tmp_path / "theirs.fmu", files)
-    found = tune_study(write(tmp_path, study(**given(tmp_path / "theirs.fmu"))), tmp_path / "out", silent)
+    found = study_without_data(
+        "tune", write(tmp_path, study(**given(tmp_path / "theirs.fmu"))), tmp_path / "out", silent
+    )
     written = tmp_path / "out" / "fmus"
     assert read_values(written / "controller.ssv")["kp"] == found["parameters"]["controller.kp"]["value"]
     assert archive.read(written / "controller.fmu") == files

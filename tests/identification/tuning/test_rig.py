@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from fmus.errors import InputError
-from identification.calibrate import tune_study
+from identification.calibrate import study_without_data
 from identification.tuning.summary import TuningSummary
 from orchestrator.progress import silent
 from tests.support.commands import servotwin
@@ -31,7 +31,7 @@ expect:
 
 def tuned(folder: Path, **block: Any) -> TuningSummary:
     judged = [{"scenario": "rig.yaml", "component": "servo", **block}]
-    return tune_study(write(folder, study(judged_on=judged)), folder / "out", silent)  # type: ignore[return-value]
+    return study_without_data("tune", write(folder, study(judged_on=judged)), folder / "out", silent)  # type: ignore[return-value]
 
 
 @pytest.mark.slow

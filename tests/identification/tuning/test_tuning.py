@@ -13,7 +13,7 @@ import pytest
 from fmus.errors import InputError
 from fmus.json_document import json_text
 from identification import tune
-from identification.calibrate import calibrate_study, tune_study
+from identification.calibrate import calibrate_study, study_without_data
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.summary import TuningSummary
 from orchestrator.info import about
@@ -25,7 +25,7 @@ SCENARIO = Path(__file__).parents[3] / "scenarios" / "flexible_arm" / "control" 
 
 
 def tuned(folder: Path, **changes: Any) -> TuningSummary:
-    return tune_study(write(folder, study(**changes)), folder / "out", silent)  # type: ignore[return-value]
+    return study_without_data("tune", write(folder, study(**changes)), folder / "out", silent)  # type: ignore[return-value]
 
 
 def test_a_margin_that_binds_gives_the_gain_of_its_closed_form(tmp_path: Path) -> None:

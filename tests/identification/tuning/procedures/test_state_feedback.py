@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 from fmus.errors import InputError
-from identification.calibrate import tune_study
+from identification.calibrate import study_without_data
 from identification.tuning.summary import TuningSummary
 from orchestrator.info import about
 from orchestrator.progress import silent
@@ -44,7 +44,7 @@ def sensed() -> dict[str, Any]:
 
 
 def tuned(folder: Path, **changes: Any) -> TuningSummary:
-    return tune_study(write(folder, feedback(**changes)), folder / "out", silent)  # type: ignore[return-value]
+    return study_without_data("tune", write(folder, feedback(**changes)), folder / "out", silent)  # type: ignore[return-value]
 
 
 def array(found: TuningSummary, name: str) -> FloatArray:
@@ -223,7 +223,7 @@ def test_what_has_no_gains_is_refused(changes: dict[str, Any], problem: str, tmp
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ilqr", "lqg"])
 def test_a_shipped_design_has_both_kp_alike_and_holds_its_goals_and_the_rig(name: str, tmp_path: Path) -> None:
-    found: Any = tune_study(SHIPPED / f"{name}.yaml", tmp_path / "out", silent)
+    found: Any = study_without_data("tune", SHIPPED / f"{name}.yaml", tmp_path / "out", silent)
     assert found["feasible"] and found["verdict"]["held"]
     assert found["rigs"][0]["cases"] and found["rigs"][0]["held"]
     design = found["design"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fmus.errors import InputError
-from identification.calibrate import tune_study
+from identification.calibrate import study_without_data
 from identification.tuning.summary import TuningSummary
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.info import about
@@ -76,7 +76,7 @@ def tuned(folder: Path, **changes: Any) -> TuningSummary:
     (folder / "load.py").write_text(LOAD)
     (folder / "rig.yaml").write_text(json.dumps(RIG))
     document = {key: value for key, value in (ASKED | changes).items() if value is not None}
-    return tune_study(write(folder, document), folder / "out", silent)  # type: ignore[return-value]
+    return study_without_data("tune", write(folder, document), folder / "out", silent)  # type: ignore[return-value]
 
 
 def gain(found: TuningSummary) -> float:
@@ -94,7 +94,7 @@ def test_the_gain_of_a_smooth_loop_is_that_of_the_linear_loop(tmp_path: Path) ->
         minimise=[{"measure": "itae", "relative": "reference"}],
         step={"height": 2, "duration": 4},
     )
-    known: Any = tune_study(write(tmp_path / "linear", linear), tmp_path / "linear" / "out", silent)
+    known: Any = study_without_data("tune", write(tmp_path / "linear", linear), tmp_path / "linear" / "out", silent)
     assert found["feasible"]
     assert gain(found) == pytest.approx(gain(known), rel=2e-3)
     [overshoot, itae] = found["goals"]
@@ -179,8 +179,8 @@ def test_a_run_that_fails_counts_as_unstable_and_is_told(tmp_path: Path) -> None
     (tmp_path / "rig.yaml").write_text(json.dumps(rig))
     controller = {"model": "pi", "parameters": {"sample_time": STEP, "ki": 0, "voltage_limit": 1.7e308}}
     design = {"unknowns": {"kp": {"start": 1.0, "min": 0.01, "max": 1e4, "scale": "log"}}, "starts": [{"kp": 5e3}]}
-    found: Any = tune_study(
-        write(tmp_path, ASKED | {"controller": controller, "design": design}), tmp_path / "out", silent
+    found: Any = study_without_data(
+        "tune", write(tmp_path, ASKED | {"controller": controller, "design": design}), tmp_path / "out", silent
     )
     assert np.isfinite(found["objective"])
     assert any("runs of light failed on the way" in remark for remark in found["warnings"])
@@ -201,7 +201,7 @@ def test_an_fmu_that_crashes_or_hangs_at_some_gains_fails_there_and_the_search_g
     unknowns = {"kp": {"start": 3, "min": 0.5, "max": 20}}
     asked = ASKED | {"tracked": "load.x", "design": {"unknowns": unknowns, "evaluations": 12}}
     file = write(tmp_path, asked)
-    found: Any = tune_study(file, tmp_path / "out", silent, Isolation(2.0))
+    found: Any = study_without_data("tune", file, tmp_path / "out", silent, Isolation(2.0))
     assert 3 <= gain(found) <= 4
     [remark] = [line for line in found["warnings"] if "failed on the way" in line]
     assert ("crashed" if trouble == "abort();" else "hangs") in remark
