@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NotRequired
+from typing import Any, NotRequired, Protocol
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -16,10 +16,11 @@ from fmus.errors import IdentificationError, InputError
 from identification.estimation.estimated_value import EstimatedValue, PriorKnowledge
 from identification.fits import FitSummary, WorstSummary, told
 from identification.messages import MessagesSummary
-from identification.recordings.campaign import StudyTrace
-from orchestrator.crossing import CrossingDocument
+from identification.recordings.campaign import StudyTrace, recording_warnings
+from orchestrator.crossing import Crossing, CrossingDocument, documents_of, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.marks import Mark
+from orchestrator.results import versions
 from orchestrator.trace import FloatArray
 
 STUDY = "study.yaml"
@@ -195,6 +196,53 @@ def verdict(
         "held": held,
         "converged": not unsettled,
         "said": "; ".join(said),
+    }
+
+
+class FitTarget(Protocol):
+    """What a study asks of FIT."""
+
+    @property
+    def title(self) -> str: ...
+
+    @property
+    def at_least(self) -> float | None: ...
+
+    @property
+    def worst_at_least(self) -> float | None: ...
+
+
+def validation_summary(
+    study: FitTarget,
+    sides: Mapping[str, FitSummary],
+    recorded: Sequence[StudyTrace],
+    unseen: Iterable[str],
+    units: Sequence[Crossing] = (),
+) -> ValidationSummary:
+    """What a validation's `summary.json` holds; the first side is held against the study's target.
+
+    Args:
+        sides: "unseen" and "fitted" -> FIT, of those that there are.
+        unseen: names of the recordings that the fit did not use.
+        units: how signals of windows got to the units of their variables, over those of the recordings.
+    """
+    side = next(iter(sides))
+    judged = verdict(sides[side], side, study.at_least, worst_at_least=study.worst_at_least, recorded=recorded)
+    nothing_new = "every recording was used in the fit; this judges nothing new"
+    return {
+        "title": study.title,
+        "fit": dict(sides),
+        "at_least": study.at_least,
+        "held": judged["held"],
+        "data": data_summary(recorded, unseen),
+        "units": documents_of(noted([*(crossed for one in recorded for crossed in one.crossings), *units])),
+        "versions": versions(),
+        "warnings": [
+            *([] if "unseen" in sides else [nothing_new]),
+            *(str(crossing) for crossing in units if crossing.doubtful),
+            *recording_warnings(recorded),
+        ],
+        "verdict": judged,
     }
 
 

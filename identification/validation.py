@@ -22,7 +22,6 @@ from identification.subspace.validate import LinearValidation
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.fmi.said import LOG_FILE, kept
 from orchestrator.progress import Progress, silent
-from orchestrator.report import Report
 from orchestrator.results import (
     aside,
     result_folder,
@@ -71,7 +70,7 @@ def validate_result(
         with kept(near / LOG_FILE):
             validation = validate(folder, data, progress, isolation)
         messages = Messages.of(near / LOG_FILE)
-        summary, page = _documents(validation)
+        summary, page = validation.summary, validation.report()
         summary["warnings"] += messages.warnings
         summary["messages"] = messages.summary
         with result_folder(target) as fresh:
@@ -79,9 +78,3 @@ def validate_result(
             page.write(fresh / "report.html")
             write_json(fresh / SUMMARY, summary)
     return summary
-
-
-def _documents(validation: Validation | LinearValidation) -> tuple[ValidationSummary, Report]:
-    if isinstance(validation, LinearValidation):
-        return validation.summary, validation.report()
-    return output_error_validation.summary(validation), output_error_validation.report(validation)

@@ -262,19 +262,12 @@ def _cell(header: str, value: object) -> str:
 
 
 def _models(document: SubspaceSummary) -> Listing:
-    """Order and median FIT of each output, on fitted and on unseen traces, of every model of a subspace study."""
-    from identification.fits import told
+    from identification.subspace.summary import model_rows
 
-    outputs = list(document["fit"]["train"]["outputs"])
-    rows = []
-    for name, model in document["models"].items():
-        fits = (model["fit"]["train"], model["fit"]["validation"])
-        values = [_figure(fit["outputs"][output] if fit else None) for fit in fits for output in outputs]
-        worst = told((fits[1] or fits[0]).get("worst"))
-        rows.append([name, str(model["order"]), *values, worst])
-    of_sides = (f"{output}, {side}" for side in ("fitted", "unseen") for output in outputs)
+    headers, rows = model_rows(document)
+    cells = [[f"{cell:.4f}" if isinstance(cell, float) else str(cell or "none") for cell in row] for row in rows]
     title = "median FIT, and the worst of the traces that models are compared on"
-    return Listing(("model", "order", *of_sides, "worst"), rows, title)
+    return Listing(headers, cells, title)
 
 
 def _claims(document: ExperimentsSummary) -> Listing:

@@ -61,6 +61,11 @@ class InputOutputData:
     def __len__(self) -> int:
         return len(self.u)
 
+    def free_run(self, y: FloatArray) -> Trace:
+        """Outputs (K, p), of a model or its own, from 0 s on."""
+        time = self.step * np.arange(len(self), dtype=float)
+        return Trace(time, dict(zip(self.outputs, y.T, strict=True)), {}, self.name)
+
     @classmethod
     def of(cls, trace: Trace, inputs: Sequence[str], outputs: Sequence[str]) -> InputOutputData:
         """These signals of a trace.

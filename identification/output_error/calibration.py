@@ -21,8 +21,9 @@ from identification.output_error.choice.otherwise import recorded_otherwise
 from identification.output_error.chosen_windows import PickedWindows, chosen_length, picked_windows
 from identification.output_error.free_runs.simulator import SystemFactory
 from identification.output_error.free_runs.window import FreeRunWindow
-from identification.output_error.search.estimator import Estimate, SearchState, estimate, predict
-from identification.output_error.search.options import SearchOptions, Watch
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import estimate, predict
+from identification.output_error.search.options import SearchOptions, SearchState, Watch
 from identification.output_error.search.problem import Problem
 from identification.output_error.shooting.shooting import shoot
 from identification.output_error.shooting.shots import Shots, cut

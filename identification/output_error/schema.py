@@ -45,11 +45,6 @@ from orchestrator.fmi.interface import Value
 from orchestrator.yaml_file import Quantity, Seconds
 
 
-def _said(block: OutputErrorBlock) -> RawMap:
-    """All that a study says."""
-    return block.model_dump()
-
-
 def _long(value: Any) -> Any:
     """`auto` as the keys that it is short for."""
     return {"length": value} if isinstance(value, str) else value
@@ -168,7 +163,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
         for name in () if self.estimate else self.candidates:
             made[name] = self.candidate(name)
             for other in list(made)[:-1]:
-                if _said(made[other]) == _said(made[name]):
+                if made[other].model_dump() == made[name].model_dump():
                     raise self._refused(name, f"is the same as {other}; remove one, or say where they differ")
         if len(made) == 1:
             raise self._refused(

@@ -12,7 +12,7 @@ from fmus.units import SAME, Conversion
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss
 from identification.estimation.groups import Grouped, Grouping, parted
 from identification.estimation.parameters import ParameterSet
-from identification.output_error.search.estimator import SearchOptions
+from identification.output_error.search.options import SearchOptions
 from identification.output_error.times.delays import Delay, Estimated, KnownDelay
 from identification.output_error.times.spans import Samples, Span, lasting, on_raster
 from identification.recordings.campaign import TraceSource

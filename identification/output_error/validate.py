@@ -20,29 +20,26 @@ from identification.output_error.report import fits, overlays
 from identification.output_error.results import OutputErrorSummary, WindowsSummary
 from identification.output_error.study import OutputErrorStudy
 from identification.output_error.study_checks import ports_of
-from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
+from identification.recordings.campaign import StudyTrace, load_campaign
 from identification.result_sections import verdict_callout
 from identification.results import (
     STUDY,
     SUMMARY,
     Summary,
     ValidationSummary,
-    VerdictSummary,
     by_use,
-    data_summary,
     read_summary,
-    verdict,
+    validation_summary,
 )
 from identification.signals.excitation import Length
 from orchestrator.assembly.assembly import OpenSystem, SystemSpec, assemble
 from orchestrator.assembly.schema import SystemBlock
 from orchestrator.assembly.whole_arrays import elements
-from orchestrator.crossing import Crossing, documents_of, noted
+from orchestrator.crossing import Crossing, noted
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.progress import Progress, silent
 from orchestrator.report import Report, figures
-from orchestrator.results import versions
 from orchestrator.scenario.parameter_sets import values_in
 from orchestrator.yaml_file import naming
 
@@ -66,17 +63,34 @@ class Validation:
         return noted(crossing for judged in self.judged.values() for crossing in judged.crossings)
 
     @property
-    def verdict(self) -> VerdictSummary:
-        """Whether the study's target is met, by the unseen recordings where there are some."""
-        side = next(iter(self.judged))
-        study = self.study
-        return verdict(
-            self.judged[side].summary,
-            side,
-            study.at_least,
-            worst_at_least=study.worst_at_least,
-            recorded=self.recorded,
+    def summary(self) -> ValidationSummary:
+        """The validation as `summary.json` holds it."""
+        sides = {name: judged.summary for name, judged in self.judged.items()}
+        return validation_summary(self.study, sides, self.recorded, self.unseen, self.crossings)
+
+    def report(self) -> Report:
+        """Whether the target is met, free runs, and how FIT is spread."""
+        page = Report(f"Validation: {self.study.title}", self.study.description)
+        section, judged, target = page.section("Result"), self.judged, self.study.at_least
+        section.highlights(
+            [
+                (
+                    f"median FIT, {name}",
+                    f"{group.median:.3f}",
+                    f"{len(group.windows)} windows, worst {told(group.summary.get('worst'))}",
+                )
+                for name, group in judged.items()
+            ]
         )
+        verdict_callout(section, self.summary["verdict"])
+        fits(section, judged, target)
+        for name, group in judged.items():
+            overlays(page.section(f"Free runs, {name}"), {}, group, {})
+        spread = np.concatenate([group.fit.ravel() for group in judged.values()])
+        known = spread[np.isfinite(spread)]
+        if len(known):
+            section.figure(figures.distribution(known, "FIT"), "FIT of all windows")
+        return page
 
 
 def validate(
@@ -163,48 +177,3 @@ def _beside(file: Path) -> dict[str, Value]:
     if is_ours(contents, description_of(file, contents)):
         return {}
     return elements(values_in(file.with_suffix(".ssv")).values)
-
-
-def summary(validation: Validation) -> ValidationSummary:
-    """The validation as `summary.json` holds it."""
-    nothing_new = "every recording was used in the fit; this judges nothing new"
-    return {
-        "title": validation.study.title,
-        "fit": {name: judged.summary for name, judged in validation.judged.items()},
-        "at_least": validation.study.at_least,
-        "held": validation.verdict["held"],
-        "data": data_summary(validation.recorded, validation.unseen),
-        "versions": versions(),
-        "units": documents_of(validation.crossings),
-        "warnings": [
-            *([] if "unseen" in validation.judged else [nothing_new]),
-            *(str(crossing) for crossing in validation.crossings if crossing.doubtful),
-            *recording_warnings(validation.recorded),
-        ],
-        "verdict": validation.verdict,
-    }
-
-
-def report(validation: Validation) -> Report:
-    """Whether the target is met, free runs, and how FIT is spread."""
-    page = Report(f"Validation: {validation.study.title}", validation.study.description)
-    section, judged, target = page.section("Result"), validation.judged, validation.study.at_least
-    section.highlights(
-        [
-            (
-                f"median FIT, {name}",
-                f"{group.median:.3f}",
-                f"{len(group.windows)} windows, worst {told(group.summary.get('worst'))}",
-            )
-            for name, group in judged.items()
-        ]
-    )
-    verdict_callout(section, validation.verdict)
-    fits(section, judged, target)
-    for name, group in judged.items():
-        overlays(page.section(f"Free runs, {name}"), {}, group, {})
-    spread = np.concatenate([group.fit.ravel() for group in judged.values()])
-    known = spread[np.isfinite(spread)]
-    if len(known):
-        section.figure(figures.distribution(known, "FIT"), "FIT of all windows")
-    return page

@@ -42,7 +42,6 @@ def resonances(
     added_mass: ArrayLike,
     added_length: ArrayLike,
     omega_std: ArrayLike | None = None,
-    gravity: float = GRAVITY,
 ) -> Resonances:
     """Checked columns: `omega` (K,) [rad/s], `added_mass` (K,) [kg], `added_length` (K,) or one [m].
 
@@ -57,7 +56,7 @@ def resonances(
     if w.ndim != 1 or not np.all(np.isfinite([w, mass, length, std])) or np.any(w <= 0) or np.any(std <= 0):
         raise IdentificationError("resonances", "a frequency or its std is not positive and finite", "drop that mass")
     squared_std = None if omega_std is None else 2 * w * std
-    return Resonances(w**2, squared_std, mass * gravity * length, mass * length**2)
+    return Resonances(w**2, squared_std, mass * GRAVITY * length, mass * length**2)
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,7 @@ class PendulumFit(ReadOnlyArrays):
     dof: int
 
 
-def fit_pendulum(data: GainData, gravity: float = GRAVITY) -> PendulumFit:
+def fit_pendulum(data: GainData) -> PendulumFit:
     """p1..p4 from all gains of all added masses at once (Eq. 78 linearised, least squares in log|G|).
 
     The added masses fix the scale; with one mass only ratios would be left. p1, p2 and p4 are positive; p3
@@ -159,7 +159,7 @@ def fit_pendulum(data: GainData, gravity: float = GRAVITY) -> PendulumFit:
     Raises:
         IdentificationError: one added mass only, too few points, or no convergence.
     """
-    loads = data.added_mass * data.added_length**2, data.added_mass * data.added_length * gravity
+    loads = data.added_mass * data.added_length**2, data.added_mass * data.added_length * GRAVITY
     if len(np.unique(np.column_stack(loads), axis=0)) < 2:
         raise IdentificationError(
             "log|G|",

@@ -67,13 +67,11 @@ class Processing:
         window: last seconds that count as steady state [s].
         sums_decimated: whether Eq. 71 sums the decimated samples (yet times the undecimated step, which
             scales all amplitudes by 1/sqrt(decimation)) or all of them.
-        decibel: whether Eq. 100 is fed with 20 log10 of the gains.
     """
 
     decimation: int
     window: float
     sums_decimated: bool
-    decibel: bool = True
 
 
 SYNTHETIC_SCRIPT = Processing(decimation=4, window=45.0, sums_decimated=False)
@@ -215,7 +213,7 @@ def _resonances(loads: Sequence[LoadResult]) -> Resonances:
 def _load_as_published(group: Sequence[Experiment], processing: Processing, signal: str) -> LoadResult:
     points = np.array([point_as_published(experiment, processing, signal) for experiment in group])
     frequency, gain = points.T
-    resonance = resonance_from_two_largest_as_published(frequency, decibel(gain) if processing.decibel else gain)
+    resonance = resonance_from_two_largest_as_published(frequency, decibel(gain))
     return LoadResult(
         group[0].added_mass,
         group[0].added_length,

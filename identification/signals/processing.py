@@ -113,13 +113,12 @@ def dominant_frequency_as_published(values: ArrayLike, period: float) -> float:
     return float(2 * np.pi * (1 + np.argmax(power[: left // 2])) / (left * period))
 
 
-def low_pass(values: ArrayLike, period: float, cutoff: float, order: int = 2, causal: bool = False) -> FloatArray:
-    """`values` (K,) or (K, m) through a Butterworth low-pass, forwards and backwards: no phase shift.
+def low_pass(values: ArrayLike, period: float, cutoff: float, causal: bool = False) -> FloatArray:
+    """`values` (K,) or (K, m) through a Butterworth low-pass of second order, forwards and backwards: no phase shift.
 
     Args:
         period: sampling period [s].
         cutoff: corner frequency [Hz]; the two passes together take 6 dB there.
-        order: of one pass.
         causal: forwards only, from rest at the first sample: 3 dB at the corner, and the filter's lag. Inputs and
             outputs of a model must then be filtered alike, or the lag becomes part of the model.
 
@@ -135,7 +134,7 @@ def low_pass(values: ArrayLike, period: float, cutoff: float, order: int = 2, ca
         )
     from scipy import signal  # noqa: PLC0415 - loads slowly
 
-    sections = signal.butter(order, cutoff, fs=1 / period, output="sos")
+    sections = signal.butter(2, cutoff, fs=1 / period, output="sos")
     if len(samples) <= 3 * (2 * len(sections) + 1):
         raise IdentificationError("low_pass", f"{len(samples)} samples are too few", "give a longer signal")
     if not causal:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from fmus.errors import IdentificationError
-from identification.fits import told
 from identification.linear.mode_tracking import stabilisation
 from identification.linear.model import LinearModel
 from identification.linear.modes import modes, ranked
@@ -17,11 +16,10 @@ from identification.subspace.calibration import SubspaceCalibration
 from identification.subspace.orders import borne
 from identification.subspace.range_space import RangeSpace
 from identification.subspace.realisation import realise
-from identification.subspace.summary import fits_of, medians, summary, uncertain_modes
+from identification.subspace.summary import model_rows, summary, uncertain_modes
 from identification.subspace.trials import ModelCandidate
 from orchestrator.display.table import Cell
 from orchestrator.report import Report, Section, figures
-from orchestrator.trace import Trace
 
 SHOWN = 4  # traces with their free runs
 SCANNED = 30  # highest order of the stabilisation diagram
@@ -33,7 +31,7 @@ def report(result: SubspaceCalibration) -> Report:
     section, found = page.section("Result"), summary(result)
     verdict_callout(section, found["verdict"])
     section.warnings(found["warnings"])
-    section.table(*fit_table(result), caption="Median FIT over the traces, free runs")
+    section.table(*model_rows(found), caption="Median FIT over the traces, free runs")
     section.table(*_tried(result), caption="All that was tried: mean FIT of the traces that models are compared on")
     if result.reduction is not None:
         section.paragraph(f"Reduced: {result.reduction}, before `update` (under all inputs in a row, from rest).")
@@ -42,17 +40,6 @@ def report(result: SubspaceCalibration) -> Report:
     _extraction(page.section("Singular values"), result)
     provenance(page, found)
     return page
-
-
-def fit_table(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
-    """Headers and rows: each model's order and its median FIT of each output, on fitted and on unseen traces."""
-    outputs, nothing = result.study.outputs, [None] * len(result.study.outputs)
-    of_sides = [f"{name}, {side}" for side in ("fitted", "unseen") for name in outputs]
-    rows: list[list[Cell]] = [
-        [name, model.model.order, *medians(model.train), *(medians(model.unseen) or nothing), _worst(result, model)]
-        for name, model in result.candidates.items()
-    ]
-    return ["model", "order", *of_sides, "worst"], rows
 
 
 def _tried(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
@@ -66,25 +53,14 @@ def _tried(result: SubspaceCalibration) -> tuple[list[str], list[list[Cell]]]:
     return headers, rows
 
 
-def _worst(result: SubspaceCalibration, model: ModelCandidate) -> str:
-    """Of the traces that models are compared on."""
-    fits = fits_of(result, model)
-    return told((fits["validation"] or fits["train"]).get("worst"))
-
-
 def _free_runs(section: Section, result: SubspaceCalibration) -> None:
     kept = [name for name, trace in result.pieces.items() if trace in result.study.traces.held_out]
     shown = (kept or list(result.records))[:SHOWN]
     section.paragraph("Traces kept out of the fit." if kept else "Traces of the fit; none was kept out of it.")
     for name in shown:
         record = result.records[name]
-        time = record.step * np.arange(len(record), dtype=float)
-        curves = [
-            (candidate.name, Trace(time, dict(zip(record.outputs, candidate.runs[name].T, strict=True)), {}, name))
-            for candidate in _drawn(result)
-        ]
-        measured = Trace(time, dict(zip(record.outputs, record.y.T, strict=True)), {}, name)
-        section.figure(figures.overlay(measured, curves), name)
+        curves = [(candidate.name, record.free_run(candidate.runs[name])) for candidate in _drawn(result)]
+        section.figure(figures.overlay(record.free_run(record.y), curves), name)
 
 
 def _drawn(result: SubspaceCalibration) -> list[ModelCandidate]:

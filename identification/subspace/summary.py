@@ -11,7 +11,7 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from fmus.errors import IdentificationError
-from identification.fits import FitSummary, fit_summary, median
+from identification.fits import FitSummary, fit_summary, told
 from identification.linear.fmu import linear_fmu
 from identification.linear.modes import modes
 from identification.linear.reduction import Reduction
@@ -22,6 +22,7 @@ from identification.recordings.units import unit_documents
 from identification.results import FitsSummary, Summary, VerdictSummary, data_summary, finite, verdict
 from identification.subspace.calibration import SubspaceCalibration
 from identification.subspace.trials import ModelCandidate, SubspaceTrial
+from orchestrator.display.table import Cell
 from orchestrator.results import versions
 from orchestrator.trace import FloatArray
 
@@ -158,9 +159,16 @@ def calibrated(result: SubspaceCalibration, folder: Path) -> Calibrated:
     return Calibrated({study.name: linear_fmu(result.taken.model, folder / f"{study.name}.fmu", units, result.zero)})
 
 
-def medians(fit: FloatArray) -> list[float | None]:
-    """By output, over traces."""
-    return [median(column) for column in fit.T] if len(fit) else []
+def model_rows(document: SubspaceSummary) -> tuple[list[str], list[list[Cell]]]:
+    """Headers and rows: order and median FIT of each output, on fitted and on unseen traces, of every model, and the
+    worst of the traces that models are compared on."""
+    outputs = list(document["fit"]["train"]["outputs"])
+    rows: list[list[Cell]] = []
+    for name, model in document["models"].items():
+        fits = (model["fit"]["train"], model["fit"]["validation"])
+        values = [fit["outputs"][output] if fit else None for fit in fits for output in outputs]
+        rows.append([name, model["order"], *values, told((fits[1] or fits[0]).get("worst"))])
+    return ["model", "order", *(f"{name}, {side}" for side in ("fitted", "unseen") for name in outputs), "worst"], rows
 
 
 def fits_of(result: SubspaceCalibration, candidate: ModelCandidate) -> FitsSummary:

@@ -7,25 +7,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from fmus.errors import IdentificationError
 from identification.fits import FitSummary, fit_summary, told
 from identification.linear.fmu import model_in, zero_in
 from identification.linear.model import LinearModel
 from identification.linear.records import InputOutputData, check_rate
-from identification.recordings.campaign import StudyTrace, load_campaign, recording_warnings
-from identification.recordings.units import in_common_units, unit_documents
+from identification.recordings.campaign import StudyTrace, load_campaign
+from identification.recordings.units import in_common_units
 from identification.result_sections import verdict_callout
-from identification.results import ValidationSummary, by_use, data_summary, read_summary, verdict
+from identification.results import ValidationSummary, by_use, read_summary, validation_summary
 from identification.subspace.calibration import pieces, records
 from identification.subspace.free_runs import free_runs, samples_for
 from identification.subspace.schema import SubspaceBlock
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.isolation import Isolation
 from orchestrator.report import Report, figures
-from orchestrator.results import versions
-from orchestrator.trace import FloatArray, Trace
+from orchestrator.trace import FloatArray
 
 _SHOWN = 8  # records with their free runs
 
@@ -48,22 +45,7 @@ class LinearValidation:
     @property
     def summary(self) -> ValidationSummary:
         """The validation as `summary.json` holds it."""
-        nothing_new = "every recording was used in the fit; this judges nothing new"
-        side, target = next(iter(self.sides)), self.study.at_least
-        judged = verdict(
-            self.sides[side], side, target, worst_at_least=self.study.worst_at_least, recorded=self.recorded
-        )
-        return {
-            "title": self.study.title,
-            "fit": dict(self.sides),
-            "at_least": target,
-            "held": judged["held"],
-            "data": data_summary(self.recorded, self.unseen),
-            "units": unit_documents(self.recorded),
-            "versions": versions(),
-            "warnings": [*([] if "unseen" in self.sides else [nothing_new]), *recording_warnings(self.recorded)],
-            "verdict": judged,
-        }
+        return validation_summary(self.study, self.sides, self.recorded, self.unseen)
 
     def report(self) -> Report:
         """FIT and free runs."""
@@ -74,10 +56,7 @@ class LinearValidation:
         section.table(["recordings", "median FIT", "worst"], rows)
         section = page.section("Free runs")
         for record, run in self.runs[:_SHOWN]:
-            time = record.step * np.arange(len(record), dtype=float)
-            measured, free = (
-                Trace(time, dict(zip(record.outputs, y.T, strict=True)), {}, record.name) for y in (record.y, run)
-            )
+            measured, free = map(record.free_run, (record.y, run))
             section.figure(figures.overlay(measured, [("the model", free)]), record.name)
         return page
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from fmus.errors import IdentificationError
 from identification.linear.model import LinearModel
-from identification.tuning.goals.goal import Goal, LoopSignal, Over, Relative, StepTest
+from identification.tuning.goals.goal import Goal, LoopSignal, StepTest
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.loops.wiring import LoopWiring, Path
 from identification.tuning.study import PLANT, GoalSpec, StepSpec
@@ -77,8 +75,8 @@ def goal(spec: GoalSpec, step: StepSpec, system: System, wiring: LoopWiring, pla
         _opened(f"{place}.opened", spec.opened, wiring),
         signal,
         disturbed,
-        cast("Relative | None", spec.relative),
-        cast("Over", spec.over),
+        spec.relative,
+        spec.over,
     )
 
 

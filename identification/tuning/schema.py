@@ -172,7 +172,7 @@ class PlantBlock(Block):
             system, own = system.given(found), beside(own, joint)
         sets = [] if isinstance(self.parameters, dict) else parameter_sets.joined(self.parameters, base)
         system = system.given(elements(parameter_sets.values_of(sets, system.components).values))
-        return SystemPlant(set_over(system, self.set, "set"), self.inputs, outputs, own)
+        return SystemPlant(set_over(system, self.set), self.inputs, outputs, own)
 
     def _system(self, base: Path) -> tuple[SystemSpec, ParameterSpread]:
         if self.calibrated is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from identification.tuning.goals.goal import Over, Relative
 from identification.tuning.procedures.procedure import Procedure
 from identification.tuning.rig import Rig
 from identification.tuning.sources.plants import PlantSpec
@@ -35,8 +36,8 @@ class GoalSpec:
     opened: str | None = None
     of: str | None = None
     disturbed: str | None = None
-    relative: str | None = None
-    over: str = "sum"
+    relative: Relative | None = None
+    over: Over = "sum"
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,10 @@ import numpy as np
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.output_error.free_runs.simulator import SystemFactory, SystemSimulator
 from identification.output_error.free_runs.window import FreeRunWindow
-from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
-from identification.output_error.search.options import IntervalOptions
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import estimate
+from identification.output_error.search.options import IntervalOptions, SearchOptions
+from identification.output_error.search.problem import Problem, Window
 from identification.output_error.times.delays import Estimated
 from identification.output_error.times.instants import every_step
 from identification.signals.resolution import resolution

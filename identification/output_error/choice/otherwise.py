@@ -15,7 +15,8 @@ import numpy as np
 from fmus.errors import FmuError, InputError
 from identification.output_error.free_runs.simulator import SystemFactory
 from identification.output_error.free_runs.window import FreeRunWindow
-from identification.output_error.search.estimator import Estimate, estimate
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import estimate
 from identification.output_error.search.options import IntervalOptions, SearchOptions
 from identification.output_error.search.problem import Problem, Window
 from identification.output_error.study import FreeRunSpec

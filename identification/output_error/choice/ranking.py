@@ -30,7 +30,6 @@ class Ranked:
             without any.
         worse: by how much that is more than the chosen one's; less is negative.
         scatter: within which such a difference tells nothing; infinite with one window.
-        predicts: whether it is no worse than the best prediction, as far as windows tell.
         apart: whether the recordings tell it from the chosen one.
     """
 
@@ -38,7 +37,6 @@ class Ranked:
     unseen: float | None
     worse: float | None
     scatter: float | None
-    predicts: bool
     apart: bool
 
 
@@ -75,7 +73,7 @@ def ranked(misfits: Mapping[str, Misfit], unseen: Mapping[str, FloatArray]) -> C
     known = criteria(misfits)
     windows = len(next(iter(unseen.values()))) if unseen else 0
     best = min(unseen, key=lambda name: float(np.mean(unseen[name]))) if windows else None
-    predicts = {name: best is None or _tells_nothing(*_difference(unseen[name], unseen[best])) for name in misfits}
+    predicts = {name: best is None or _no_worse(unseen[name], unseen[best]) for name in misfits}
     order = sorted(misfits, key=lambda name: (not predicts[name], known[name].bic))
     chosen = order[0]
     preferred = min(misfits, key=lambda name: known[name].bic)
@@ -85,7 +83,7 @@ def ranked(misfits: Mapping[str, Misfit], unseen: Mapping[str, FloatArray]) -> C
         alike = worse is None or scatter is None or abs(worse) <= scatter
         apart = name != chosen and not (alike and known[name].bic - known[chosen].bic < TELLING)
         mean = float(np.mean(unseen[name])) if windows else None
-        rows[name] = Ranked(known[name], mean, worse, scatter, predicts[name], apart)
+        rows[name] = Ranked(known[name], mean, worse, scatter, apart)
     return CandidateRanking(rows, windows, None if preferred == chosen else preferred)
 
 
@@ -98,5 +96,6 @@ def _difference(errors: FloatArray, others: FloatArray) -> tuple[float, float]:
     return float(np.mean(paired)), float(stdtrit(windows - 1, LEVEL)) * spread
 
 
-def _tells_nothing(worse: float, scatter: float) -> bool:
+def _no_worse(errors: FloatArray, others: FloatArray) -> bool:
+    worse, scatter = _difference(errors, others)
     return worse <= scatter

@@ -11,13 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from fmus.errors import FmuError, IdentificationError
-from identification.estimation.arrow_least_squares import LEAST_SQUARES, Iterate, Loss, Minimum, Point, evaluated
+from identification.estimation.arrow_least_squares import LEAST_SQUARES, Iterate, Minimum, Point, evaluated
 from identification.estimation.identifiability import Identifiability
-from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
 from identification.estimation.stopped import reason, stopped
 from identification.estimation.threads import single_threaded
 from identification.estimation.uncertainty import no_covariance
-from identification.estimation.workers import Factory, Simulator, open_pool
+from identification.estimation.workers import Factory, open_pool
 from identification.output_error.search.bootstrap import require_windows
 from identification.output_error.search.doubts import doubts
 from identification.output_error.search.estimate import (
@@ -31,36 +30,13 @@ from identification.output_error.search.estimate import (
     outputs,
 )
 from identification.output_error.search.free_run import FreeRun
-from identification.output_error.search.options import IntervalOptions, SearchOptions, SearchState, Watch
-from identification.output_error.search.problem import Problem, Window, spread_weights
+from identification.output_error.search.options import SearchOptions, Watch
+from identification.output_error.search.problem import Problem
 from identification.output_error.search.refits import GROWN, Spoken, spoken
 from identification.output_error.search.roughness import roughness
 from identification.output_error.search.steps import best_nearby, centred, flat, restless, widened
-from identification.output_error.search.work import PERFECT, Work, search, spread
+from identification.output_error.search.work import Work, search, spread
 from orchestrator.trace import FloatArray
-
-__all__ = [
-    "PERFECT",
-    "Estimate",
-    "Factory",
-    "InitialState",
-    "IntervalOptions",
-    "Loss",
-    "Parameter",
-    "ParameterSet",
-    "Prediction",
-    "Problem",
-    "SearchOptions",
-    "SearchState",
-    "Simulator",
-    "StartReport",
-    "Tie",
-    "Window",
-    "estimate",
-    "predict",
-    "spread_weights",
-]
-
 
 _ROUNDS = 3  # of looking beside the steps of parameters that act in steps, and searching on from there
 _FIRST_NOISE = 1e-3  # of the outputs' spread, until something is known of it

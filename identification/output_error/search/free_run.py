@@ -30,8 +30,7 @@ class Tally:
 
     Attributes:
         evaluations: points at which all windows were simulated.
-        jacobians: linearisations.
-        exact: those of them that tangents gave, but for delays.
+        exact: linearisations that tangents gave, but for delays.
         differences: why tangents do not; nothing while they may.
         simulations: windows simulated.
         failures: simulations that failed or gave values that are not finite.
@@ -40,7 +39,6 @@ class Tally:
     """
 
     evaluations: int = 0
-    jacobians: int = 0
     exact: int = 0
     differences: str = ""
     simulations: int = 0
@@ -139,7 +137,6 @@ class FreeRun:
 
         Where a perturbed run fails the other side is tried; where that fails too the derivative is 0 and `unknown`.
         """
-        self.tally.jacobians += 1
         exact = self.exact(point, residuals)
         up, down = self._steps(point, central)
         acting = np.array([self.problem.acting(window) for window in self.windows]).T

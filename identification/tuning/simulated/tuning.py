@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from fmus.errors import IdentificationError, WiringError
 from identification.built_system import BuiltSystem
 from identification.estimation.threads import single_threaded
 from identification.tuning.asked import FOLLOWING, bound
-from identification.tuning.goals.goal import Goal, LoopSignal, Over, Relative
+from identification.tuning.goals.goal import Goal, LoopSignal
 from identification.tuning.goals.table import MEASURES
 from identification.tuning.outcome import TuningOutcome
 from identification.tuning.simulated.plants import SimulatedLoop
@@ -101,5 +100,4 @@ def _goal(spec: GoalSpec, study: SimulatedStudy) -> Goal:
         bound(spec.place, key, end, measure.unit) for key, end in (("at_least", spec.lower), ("at_most", spec.upper))
     )
     signal = LoopSignal(name, "output", 0)
-    relative, over = cast("Relative | None", spec.relative), cast("Over", spec.over)
-    return Goal(spec.measure, lower, upper, spec.weight, spec.hard, None, signal, None, relative, over)
+    return Goal(spec.measure, lower, upper, spec.weight, spec.hard, None, signal, None, spec.relative, spec.over)

@@ -195,7 +195,7 @@ class _Wired:
         return ShownOutput(end, output.factor)
 
 
-def set_over(system: SystemSpec, values: Mapping[str, Value], place: str) -> SystemSpec:
+def set_over(system: SystemSpec, values: Mapping[str, Value]) -> SystemSpec:
     """The system with values over those of its components.
 
     Raises:
@@ -204,7 +204,7 @@ def set_over(system: SystemSpec, values: Mapping[str, Value], place: str) -> Sys
     for name in values:
         if name.partition(".")[0] not in system.components:
             there = ", ".join(system.components)
-            raise WiringError(f"{place}.{name}", "names no component of the plant", f"there are {there}")
+            raise WiringError(f"set.{name}", "names no component of the plant", f"there are {there}")
     return system.given(values)
 
 

@@ -13,15 +13,10 @@ from scipy.signal import lfilter
 from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss, WindowBlock
 from identification.estimation.identifiability import identifiability
 from identification.estimation.noise import coloured
+from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.estimation.uncertainty import covariance
-from identification.output_error.search.estimator import (
-    InitialState,
-    Parameter,
-    ParameterSet,
-    Problem,
-    Window,
-    estimate,
-)
+from identification.output_error.search.estimator import estimate
+from identification.output_error.search.problem import Problem, Window
 from tests.support.identification.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
 
 TRUE = {"rig.damping": 0.3, "rig.stiffness": 9.0}

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from identification.estimation.parameters import Parameter, ParameterSet
-from identification.output_error.search.estimator import PERFECT, SILENT, SearchOptions, estimate
+from identification.output_error.search.estimator import SILENT, estimate
+from identification.output_error.search.options import SearchOptions
 from identification.output_error.search.problem import Problem, Window
+from identification.output_error.search.work import PERFECT
 from tests.support.identification.closed_form import INSTANTS
 
 TRUE = {"rig.switch": 1.234, "rig.rate": 0.7}

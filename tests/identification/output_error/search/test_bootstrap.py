@@ -12,8 +12,10 @@ from scipy import stats
 from fmus.errors import FmuError, IdentificationError
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.output_error.search.bootstrap import _levels
-from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
-from identification.output_error.search.options import IntervalOptions
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import estimate
+from identification.output_error.search.options import IntervalOptions, SearchOptions
+from identification.output_error.search.problem import Problem, Window
 from orchestrator.trace import FloatArray
 
 TIME = np.linspace(0.0, 1.0, 20)

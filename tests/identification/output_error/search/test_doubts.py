@@ -15,7 +15,8 @@ from fmus.errors import FmuError, InputError
 from identification.calibrate import calibrate
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.output_error.search.doubts import parameter_warnings
-from identification.output_error.search.estimator import Problem, Window, estimate
+from identification.output_error.search.estimator import estimate
+from identification.output_error.search.problem import Problem, Window
 from tests.support.identification.closed_form import Oscillator
 from tests.support.identification.decays import TIGHT, decays
 from tests.support.simulation.ssps import gain

@@ -17,8 +17,10 @@ from identification.calibrate import calibrate, calibrate_study
 from identification.estimation.arrow_least_squares import Point
 from identification.estimation.groups import Grouping, parted
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
-from identification.output_error.search.estimator import Problem, SearchOptions, Window, estimate
+from identification.output_error.search.estimator import estimate
 from identification.output_error.search.free_run import known_before
+from identification.output_error.search.options import SearchOptions
+from identification.output_error.search.problem import Problem, Window
 from identification.study import load_study
 from identification.validation import validate_result
 from orchestrator import formats

@@ -14,8 +14,10 @@ from scipy import stats
 from fmus.errors import IdentificationError
 from identification.estimation.parameters import Parameter, ParameterSet
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
-from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
-from identification.output_error.search.options import IntervalOptions
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import estimate
+from identification.output_error.search.options import IntervalOptions, SearchOptions
+from identification.output_error.search.problem import Problem, Window
 from orchestrator.trace import FloatArray
 
 TIGHT = SearchOptions(cost_tolerance=1e-10, step_tolerance=1e-10)

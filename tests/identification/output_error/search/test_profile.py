@@ -14,8 +14,10 @@ from scipy.optimize import brentq, least_squares
 from fmus.errors import FmuError
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
-from identification.output_error.search.estimator import SILENT, Estimate, Problem, SearchOptions, Window, estimate
-from identification.output_error.search.options import IntervalOptions
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import SILENT, estimate
+from identification.output_error.search.options import IntervalOptions, SearchOptions
+from identification.output_error.search.problem import Problem, Window
 from orchestrator.trace import FloatArray
 
 PROFILE = SearchOptions(cost_tolerance=1e-9, step_tolerance=1e-9, intervals=IntervalOptions("profile"))

@@ -13,7 +13,10 @@ import pytest
 from identification.estimation.arrow_least_squares import Loss
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
 from identification.estimation.prior import Normal
-from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import estimate
+from identification.output_error.search.options import SearchOptions
+from identification.output_error.search.problem import Problem, Window
 from orchestrator import formats
 from orchestrator.trace import FloatArray, Trace
 from tests.support.identification import small_study

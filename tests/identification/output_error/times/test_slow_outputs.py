@@ -11,8 +11,10 @@ import pytest
 from scipy import stats
 
 from identification.estimation.parameters import Parameter, ParameterSet
-from identification.output_error.search.estimator import Estimate, Problem, SearchOptions, Window, estimate
-from identification.output_error.search.options import IntervalOptions
+from identification.output_error.search.estimate import Estimate
+from identification.output_error.search.estimator import estimate
+from identification.output_error.search.options import IntervalOptions, SearchOptions
+from identification.output_error.search.problem import Problem, Window
 from orchestrator.trace import FloatArray
 
 TIME = np.arange(1001) * 1e-3
