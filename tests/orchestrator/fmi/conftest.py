@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from fmus.packaging import targets
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from tests.support.fmus import moody
 from tests.support.simulation.exchanging import Shelf, open_shelf
 from tests.support.simulation.slaves import Load
+from tests.support.simulation.ssps import gain
 
 
 @pytest.fixture(scope="module")
@@ -37,3 +39,14 @@ def load() -> Iterator[Load]:
 @pytest.fixture(scope="module")
 def moody_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return moody.build(tmp_path_factory.mktemp("moody"))
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return targets.build("pendulum", tmp_path_factory.mktemp("fmu") / "pendulum.fmu", target="python")
+
+
+@pytest.fixture(scope="module")
+def every_type() -> Path:
+    """An FMU with parameters of all types."""
+    return gain()
