@@ -30,10 +30,10 @@ def complaint(error: object, most: int = 300) -> str:
     return cut(" ".join(str(error).split()) or type(error).__name__, most)
 
 
-def excerpt(error: object, most: int = 160) -> str:
+def excerpt(error: object) -> str:
     """The first line of a library's complaint."""
     said = str(error).strip() or type(error).__name__
-    return cut(said.splitlines()[0].strip().rstrip("."), most)
+    return cut(said.splitlines()[0].strip().rstrip("."), 160)
 
 
 def listed(names: Sequence[str], most: int = 4, between: str = ", ") -> str:

@@ -15,11 +15,10 @@ def operation_of(message: can.Message) -> Transmit | TransmitFd:
     return Transmit(*who, message.is_remote_frame, message.dlc, bytes(message.data))
 
 
-def message_of(frame: Transmit | TransmitFd, time: float = 0.0) -> can.Message:
-    """An operation as a frame of python-can, which was sent at a time [s]."""
+def message_of(frame: Transmit | TransmitFd) -> can.Message:
+    """An operation as a frame of python-can, without a stamp."""
     if isinstance(frame, TransmitFd):
         return can.Message(
-            timestamp=time,
             arbitration_id=frame.id,
             is_extended_id=frame.extended,
             is_fd=True,
@@ -28,7 +27,6 @@ def message_of(frame: Transmit | TransmitFd, time: float = 0.0) -> can.Message:
             data=frame.data,
         )
     return can.Message(
-        timestamp=time,
         arbitration_id=frame.id,
         is_extended_id=frame.extended,
         is_remote_frame=frame.remote,

@@ -29,7 +29,7 @@ from orchestrator.can.live.news import ErrorStates, News
 from orchestrator.can.live.receiver import Receiver
 from orchestrator.can.sending.passed import Passed, PassedFrames
 from orchestrator.can.sending.routes import BOTH, RENAMED, TOO_MANY, Routes
-from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd
+from orchestrator.can.sending.safe_end import NOTHING, Last, SafeEnd, frame_text
 from orchestrator.can.sending.selection import EVERYTHING, MessageSelection
 from orchestrator.can.slcan.flow import Key
 from orchestrator.can.statistics import identifier_text
@@ -178,8 +178,8 @@ class _Work:
         for line in open_:
             line.link.stay()
         time.sleep(_LINGERING)
-        waiting = [_text(one[1]) for one in frames if self._lines[one[0]] in open_ and one not in refused]
-        said = [f"and was NOT followed by {', '.join(_text(frame) for _, frame in refused)}"] if refused else []
+        waiting = [frame_text(one[1]) for one in frames if self._lines[one[0]] in open_ and one not in refused]
+        said = [f"and was NOT followed by {', '.join(frame_text(frame) for _, frame in refused)}"] if refused else []
         why = " and ".join(f"{line.name} {_hindrance(line)}" for line in open_)
         return "; ".join(said + ([f"and {', '.join(waiting)} may not have got out: {why}"] if waiting else []))
 
@@ -252,7 +252,7 @@ class _Work:
         taken = self._lines[number].give(frame, now, max(until - now, 0.0))
         if taken:
             self._last[number][frame.arbitration_id, frame.is_extended_id] += 1
-            self._done.last.append(_text(frame))
+            self._done.last.append(frame_text(frame))
         return taken
 
     def _not_out(self, frames: Sequence[tuple[int, can.Message]]) -> list[SendingLine]:
@@ -289,7 +289,3 @@ def _hindrance(line: SendingLine) -> str:
     if line.link.refusing:
         return "refuses frames"
     return "is full" if line.waits else "has stopped to answer"
-
-
-def _text(frame: can.Message) -> str:
-    return f"{identifier_text(frame.arbitration_id, frame.is_extended_id)}#{frame.data.hex().upper()}"

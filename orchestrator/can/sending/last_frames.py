@@ -12,8 +12,7 @@ from fmus.errors import BusError
 from orchestrator.can.live.backlog import Backlog
 from orchestrator.can.live.bus import send
 from orchestrator.can.live.channels import Channel
-from orchestrator.can.sending.safe_end import SafeEnd
-from orchestrator.can.statistics import identifier_text
+from orchestrator.can.sending.safe_end import SafeEnd, frame_text
 
 _WAY = 0.3  # for which what was sent before may still wait [s]
 _CONFIRMING = 1.0  # for which the last frames may [s]
@@ -117,8 +116,7 @@ class LastFrames:
 
     def _sent(self, number: int, message: can.Message) -> str:
         """Why an adapter has not taken a frame; nothing where it has."""
-        channel = self._channels[number]
-        name = f"{identifier_text(message.arbitration_id, message.is_extended_id)}#{message.data.hex().upper()}"
+        channel, name = self._channels[number], frame_text(message)
         try:
             send(channel.bus, message)
         except Exception as error:  # drivers raise anything

@@ -17,7 +17,7 @@ from orchestrator.can.codec.multiplexing import pages
 from orchestrator.can.database.bus import LogDatabase
 from orchestrator.can.database.message import MessageSpec, SignalSpec
 from orchestrator.can.live.single_encoding import SingleEncoder
-from orchestrator.can.statistics import FrameStatistics
+from orchestrator.can.statistics import FrameStatistics, identifier_text
 
 _FRAME = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#((?:[0-9A-Fa-f]{2}){0,8})")
 _VALUE = re.compile(r"([^=]*[^=\s])\s*=\s*(\S+)")
@@ -80,6 +80,11 @@ class SafeEnd:
             encoder.turn_to(page)
             frames.append(encoder.frame())
         return [(bus, frame) for frame in frames if frame is not None]
+
+
+def frame_text(message: can.Message) -> str:
+    """A frame as it can be given to go out last, `123#00FF`."""
+    return f"{identifier_text(message.arbitration_id, message.is_extended_id)}#{message.data.hex().upper()}"
 
 
 def _frame(text: str) -> can.Message:

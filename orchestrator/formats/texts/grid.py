@@ -98,10 +98,10 @@ def grid(lines: Sequence[str], layout: Layout, place: Path) -> TextGrid:
     )
 
 
-def _skipped(rows: Sequence[GridRow], lines: Sequence[str], most: int = 9) -> list[str]:
+def _skipped(rows: Sequence[GridRow], lines: Sequence[str]) -> list[str]:
     """A note about rows that are neither headings nor comments nor samples."""
     numbers = [row.line for row in rows if not lines[row.line - 1].startswith(("#", "%"))]
-    some = ", ".join(map(str, numbers[:most])) + (", ..." if numbers[most:] else "")
+    some = ", ".join(map(str, numbers[:9])) + (", ..." if numbers[9:] else "")
     return [f"lines above the samples that are skipped: {some}"] if numbers else []
 
 

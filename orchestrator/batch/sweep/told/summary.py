@@ -31,7 +31,7 @@ def write_summary(study: PreparedSweep, folder: Path) -> SweepResult:
 
 def _document(study: PreparedSweep, found: SweepResult) -> SweepDocument:
     setup, block = study.setup, study.block
-    passed = verdicts(found, "passed")
+    passed = found.column("passed")
     passing = asked_of(PASSED, passed, None, None)
     failed = len(found.failed)
     document: SweepDocument = {
@@ -64,13 +64,8 @@ def _by_case(cases: Sequence[str], passed: FloatArray) -> list[AskedDocument]:
 
 
 def _asked(found: SweepResult, asked: Asked) -> AskedDocument:
-    held, figures = verdicts(found, asked.name + HELD), found.column(asked.name)
+    held, figures = found.column(asked.name + HELD), found.column(asked.name)
     return asked_of(asked, held, figures, found.column(asked.name + MARGIN))
-
-
-def verdicts(found: SweepResult, name: str) -> FloatArray:
-    """(N,) 1 where a run held it, 0 where not, NaN where it was not judged."""
-    return found.column(name)
 
 
 def asked_of(asked: Asked, held: FloatArray, figures: FloatArray | None, margins: FloatArray | None) -> AskedDocument:

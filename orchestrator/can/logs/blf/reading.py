@@ -27,6 +27,7 @@ STORED, DEFLATED = 0, 2
 MAX_CONTAINER = 1 << 25  # bytes of a container's content, compressed or not
 GATHERED = 1 << 21  # bytes of objects that are decoded at once
 STEP = 256  # bytes in which a broken container is taken apart
+BLOCK = 1 << 20  # bytes that are searched at once
 
 
 class ContainerContent(NamedTuple):
@@ -232,7 +233,7 @@ def _salvaged(packed: bytes) -> bytes:
     return b"".join(parts)
 
 
-def _next_signature(file: BinaryIO, place: int, size: int, block: int = 1 << 20) -> int | None:
+def _next_signature(file: BinaryIO, place: int, size: int) -> int | None:
     """Where the next object begins at or after a place, its signature before `size`."""
     length = len(SIGNATURE) + PADDING  # in a sound file it is here
     while True:
@@ -243,4 +244,4 @@ def _next_signature(file: BinaryIO, place: int, size: int, block: int = 1 << 20)
             return place + found if place + found + len(SIGNATURE) <= size else None
         if len(read) < length:
             return None
-        place, length = place + length - len(SIGNATURE) + 1, min(block, 8 * length)
+        place, length = place + length - len(SIGNATURE) + 1, min(BLOCK, 8 * length)
