@@ -26,12 +26,12 @@ from identification.tuning.sources.system_plant import SystemPlant
 from identification.tuning.sources.varied import varied
 from identification.tuning.study import CONTROLLER, PLANT, TuningStudy
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, model_of
+from orchestrator.assembly.wiring import wire
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.rational import seconds
 from orchestrator.settable import check_values, typed
 from orchestrator.system import Connection, Endpoint, Part, System, require
-from orchestrator.wiring import wire
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from orchestrator.assembly.remarks import remarks, sampling
 from orchestrator.assembly.stimulus import Stimulus
 from orchestrator.assembly.whole_arrays import check_shapes
 from orchestrator.assembly.whole_terminals import by_variables
+from orchestrator.assembly.wiring import wire
 from orchestrator.crossing import logged, quantity
 from orchestrator.engine import Engine, Result, RunProfile, Simulation, Timing
 from orchestrator.engine.profile import Watched
@@ -38,7 +39,6 @@ from orchestrator.rational import seconds
 from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import Endpoint, FeedThrough, Part, System
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 
 LOG = logging.getLogger("servotwin.assembly")
 

@@ -9,9 +9,9 @@ from functools import cache
 from pathlib import Path
 
 from fmus.errors import WiringError
+from orchestrator.assembly.wiring import scaled
 from orchestrator.fmi.terminals import FmuTerminal, read
 from orchestrator.system import Endpoint, Part
-from orchestrator.wiring import scaled
 
 LOG = logging.getLogger("servotwin.wiring")
 Pair = tuple[str, str]

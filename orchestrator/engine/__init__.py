@@ -4,7 +4,7 @@ from orchestrator.engine.account import Account, Share, shares
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.iterated import StepControl, TakenSteps
 from orchestrator.engine.live import LiveRun
-from orchestrator.engine.plan import REFUSED, CycleSettings, Order, Plan, make_plan
+from orchestrator.engine.planning.plan import REFUSED, CycleSettings, Order, Plan, make_plan
 from orchestrator.engine.profile import RunProfile
 from orchestrator.engine.recording import Sink
 from orchestrator.engine.run import Interrupted, Result, Run, RunFailed, Timing

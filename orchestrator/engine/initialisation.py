@@ -8,7 +8,7 @@ from fractions import Fraction
 
 from fmus.errors import FmuError
 from orchestrator.engine.loop import Loop, Stepper
-from orchestrator.engine.plan import CycleSettings
+from orchestrator.engine.planning.plan import CycleSettings
 from orchestrator.engine.run import Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from fmus.errors import FmuError
-from orchestrator.engine.plan import CycleSettings
+from orchestrator.engine.planning.plan import CycleSettings
 from orchestrator.engine.recording import Recorder
 from orchestrator.fmi.clocks.ticks import Arrival, Tick
 from orchestrator.fmi.component import Component, Ticking

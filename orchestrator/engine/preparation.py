@@ -9,10 +9,10 @@ from functools import partial
 from orchestrator.engine.compiled import Steppers
 from orchestrator.engine.iterated import IteratedLoop, Iteration
 from orchestrator.engine.loop import Loop, LoopNode, Ticks
-from orchestrator.engine.plan import Plan
+from orchestrator.engine.planning.plan import Plan
+from orchestrator.engine.planning.tangents import NOTHING, Carried
 from orchestrator.engine.recording import RecordColumns
 from orchestrator.engine.run import Timing
-from orchestrator.engine.tangents import NOTHING, Carried
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Port
 from orchestrator.rational import clock

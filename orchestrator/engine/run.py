@@ -11,7 +11,7 @@ from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
 from orchestrator.engine.iterated import StepControl
 from orchestrator.engine.loop import Statistics
-from orchestrator.engine.plan import REFUSED, CycleSettings, Order
+from orchestrator.engine.planning.plan import REFUSED, CycleSettings, Order
 from orchestrator.engine.tuned import ValueChange
 from orchestrator.fmi.interface import Value
 from orchestrator.network.carriers import BusRecord

@@ -21,11 +21,11 @@ from orchestrator.engine.initialisation import initialise
 from orchestrator.engine.iterated import IteratedLoop, check_control
 from orchestrator.engine.live import FARTHEST, HELD, LiveRun
 from orchestrator.engine.loop import Loop, Stepper
-from orchestrator.engine.plan import Plan, make_plan
+from orchestrator.engine.planning.plan import Plan, make_plan
+from orchestrator.engine.planning.tangents import NOTHING, Carried, Sensitivities, carried
 from orchestrator.engine.preparation import PreparedLoops
 from orchestrator.engine.recording import ROWS, Recorder, Sink, require_room
 from orchestrator.engine.run import Interrupted, Result, Run, RunFailed, Timing
-from orchestrator.engine.tangents import NOTHING, Carried, Sensitivities, carried
 from orchestrator.engine.tuned import Tuned
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import Value

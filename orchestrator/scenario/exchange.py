@@ -12,6 +12,7 @@ from fmus.files import atomic_writes
 from fmus.parameters.write_back import write_back
 from orchestrator.assembly.assembly import Assembled, ComponentSpec, assemble
 from orchestrator.assembly.whole_terminals import by_variables
+from orchestrator.assembly.wiring import wire
 from orchestrator.documents.sources import EXTRA, SCENARIO
 from orchestrator.fmi.file import FmuDescription, FmuKind
 from orchestrator.fmi.isolation import scratch
@@ -24,7 +25,6 @@ from orchestrator.ssp.names import Version
 from orchestrator.ssp.outline import Outline, Times, Tool
 from orchestrator.ssp.writing import write
 from orchestrator.system import Part, System, component_values
-from orchestrator.wiring import wire
 from orchestrator.yaml_file import joined, text_of
 
 _BUILT_IN = ("fmu", "model", "parameters", "tables")

@@ -17,7 +17,7 @@ from fmus.packaging.native import compiler
 from fmus.packaging.system.fused import FusedPart, FusedSystem, SystemPart, Wire
 from fmus.words import nearest
 from orchestrator.assembly.assembly import OpenSystem, assemble, model_of
-from orchestrator.engine.plan import Order, Plan, make_plan
+from orchestrator.engine.planning.plan import Order, Plan, make_plan
 from orchestrator.fmi.file import FmuFile, FmuKind
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.isolation import scratch

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import WiringError
+from orchestrator.assembly.wiring import wire
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.settable import check_values
 from orchestrator.system import Connection, Endpoint, Part, System
-from orchestrator.wiring import wire
 
 
 def part(*ports: Port) -> Part:

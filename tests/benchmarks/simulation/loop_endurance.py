@@ -13,11 +13,11 @@ from fractions import Fraction
 from pathlib import Path
 from time import perf_counter
 
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 from ..figure import Figure

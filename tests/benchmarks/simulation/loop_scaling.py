@@ -10,11 +10,11 @@ from time import perf_counter
 
 import numpy as np
 
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Order, Run, Simulation, Sink, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 from ..figure import Figure

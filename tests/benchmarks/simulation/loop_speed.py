@@ -30,13 +30,13 @@ from time import perf_counter, thread_time
 import fmpy
 import numpy as np
 
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Engine, Order, Result, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.trace import FloatArray
-from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 from ..environments import python_with

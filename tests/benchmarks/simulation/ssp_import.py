@@ -12,10 +12,10 @@ from tempfile import TemporaryDirectory
 from fmus.modelling.model import Model, input_, output, parameter
 from fmus.packaging import archive, targets
 from orchestrator.assembly.assembly import link
+from orchestrator.assembly.wiring import wire
 from orchestrator.fmi.file import FmuDescription
 from orchestrator.ssp.document import imported
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.simulation import ssps
 
 from ..figure import Figure

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from fmus.packaging import archive
 from orchestrator.assembly.assembly import ComponentSpec, open_system
 from orchestrator.assembly.remarks import remarks, sampling
+from orchestrator.assembly.wiring import wire
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.simulation.ssps import gain
 
 

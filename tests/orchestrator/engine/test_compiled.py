@@ -19,6 +19,7 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from fmus.errors import FmuError, WiringError
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import (
     CycleSettings,
     Engine,
@@ -33,7 +34,6 @@ from orchestrator.fmi.interface import Port, Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.trace import FloatArray
-from orchestrator.wiring import wire
 from tests.support.simulation.both_loops import BOTH, MODELS, STEP, Case, Shelf, bits, needs_loop
 from tests.support.simulation.scripted import Clock, Gain, simulation
 

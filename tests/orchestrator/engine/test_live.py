@@ -12,12 +12,12 @@ import pytest
 
 from fmus.errors import FmuError, InputError, WiringError
 from fmus.packaging import targets
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Engine, LiveRun, Result, Run, Simulation, Timing, compiled
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.trace import FloatArray, Trace, joined
-from orchestrator.wiring import wire
 from tests.support.simulation.scripted import Gain, Plant, Sampler, simulation, zero_order_hold
 
 STEP, COUNT = Fraction(1, 200), 5000  # rows in more than one block

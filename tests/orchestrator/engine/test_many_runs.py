@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import (
     Engine,
     Run,
@@ -18,7 +19,6 @@ from orchestrator.engine import (
 )
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.simulation.both_loops import STEP, Case, Shelf, bits
 
 pytestmark = pytest.mark.slow  # processes, compilers or minutes of work

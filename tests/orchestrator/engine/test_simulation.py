@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 
 from fmus.errors import FmuError, WiringError
 from fmus.packaging import targets
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 from tests.support.simulation.scripted import Clock, Gain, Plant, Scripted, simulation
 
 LINKS = ["plant.y0 -> gain.u0", "gain.y0 -> plant.u0"]

@@ -13,6 +13,7 @@ from fmpy import simulate_fmu
 
 from fmus.errors import FmuFileError, ServotwinError
 from orchestrator.assembly.assembly import open_system
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Engine, Simulation, Timing, compiled
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
@@ -22,7 +23,6 @@ from orchestrator.info import about
 from orchestrator.scenario.run import parse_override, run_scenario
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 from tests.support.fmus import arrays
 from tests.support.tools import third_party
 

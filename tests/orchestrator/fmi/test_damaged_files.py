@@ -15,7 +15,7 @@ from fmus.errors import FmuError, FmuFileError, InputError
 from fmus.packaging import archive
 from orchestrator.fmi.file import FmuFile, read_description
 from orchestrator.fmi.slave import Slave
-from tests.support.fmus.changed import XML, changed, refusal, with_xml
+from tests.support.simulation.changed import XML, changed, refusal, with_xml
 from tests.support.tools import third_party
 
 

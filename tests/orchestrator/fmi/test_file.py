@@ -8,7 +8,7 @@ import pytest
 
 from fmus.packaging import targets
 from orchestrator.fmi.file import FmuDescription, FmuFile, read_description
-from tests.support.fmus.changed import changed, refusal, with_xml, without_dependencies
+from tests.support.simulation.changed import changed, refusal, with_xml, without_dependencies
 from tests.support.tools import third_party
 
 TIME = (

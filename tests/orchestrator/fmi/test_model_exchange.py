@@ -21,6 +21,7 @@ from scipy.integrate import solve_ivp
 from fmus.errors import FmuError, FmuFileError, InputError, WiringError
 from fmus.packaging import targets
 from orchestrator.assembly.schema import ComponentBlock
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, FmuKind
@@ -30,7 +31,6 @@ from orchestrator.scenario.run import run_scenario
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.solvers.choice import solver_type
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.simulation.exchanging import (
     METHODS,
     TENTH,

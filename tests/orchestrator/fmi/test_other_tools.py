@@ -14,12 +14,12 @@ import pytest
 
 from fmus.errors import FmuError
 from fmus.packaging import archive
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.info import about
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.fmus import arrays
 from tests.support.tools import third_party
 

@@ -19,13 +19,13 @@ from typer.testing import CliRunner
 from fmus.errors import FmuError, WiringError
 from identification.cli import app
 from orchestrator import formats
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Engine, RunFailed, Simulation, Timing, compiled
 from orchestrator.fmi import said as fmu_said
 from orchestrator.processes import arithmetic
 from orchestrator.scenario.run import ScenarioFailed, run_scenario
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 from tests.support.fmus import quirks
 from tests.support.memory_errors import memory_errors, needs_valgrind
 

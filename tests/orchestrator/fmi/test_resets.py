@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from fmus.packaging import targets
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.simulation.slaves import Load
 from tests.support.tools import third_party
 

@@ -13,13 +13,13 @@ import pytest
 import scipy.linalg
 
 from fmus.errors import FmuError, FmuFileError, WiringError
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Order, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 from tests.support.simulation.slaves import Load, run
 from tests.support.tools import third_party
 

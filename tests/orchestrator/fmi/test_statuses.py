@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from fmus.errors import FmuError
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import CycleSettings, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.fmus import moody
 from tests.support.simulation.slaves import Load
 from tests.support.tools import third_party

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Result, Simulation, Timing
 from orchestrator.fmi import unpacked
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.tools import third_party
 
 pytestmark = pytest.mark.usefixtures("scratch")

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from fmus.packaging import targets
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Interrupted, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
@@ -24,7 +25,6 @@ from orchestrator.processes.interrupts import Interrupts, requested, whole
 from orchestrator.realtime.stopping import stop_requests
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 from tests.support.fmus import slow
 from tests.support.simulation.scripted import Clock, simulation
 

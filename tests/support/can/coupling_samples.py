@@ -10,13 +10,13 @@ from typing import Any, cast
 import can
 
 from fmus.errors import BusError
+from orchestrator.assembly.wiring import wire
 from orchestrator.can.database import database
 from orchestrator.can.database.database import Database
 from orchestrator.can.live.bus import BusSettings
 from orchestrator.can.live.link import Link
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.system import Part, System
-from orchestrator.wiring import wire
 
 DBC = """VERSION ""
 BU_: RIG LAW

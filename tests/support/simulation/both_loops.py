@@ -13,6 +13,7 @@ import pytest
 
 from fmus.errors import FmuError
 from fmus.packaging import targets
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import (
     Engine,
     Order,
@@ -27,7 +28,6 @@ from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, System
 from orchestrator.trace import FloatArray, Trace
-from orchestrator.wiring import wire
 from tests.support.fmus import moody
 from tests.support.tools import third_party
 

@@ -15,6 +15,7 @@ from fmus import library
 from fmus.modelling.model import Model, State, input_, output, parameter
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import REFUSED, CycleSettings, Simulation, Timing
 from orchestrator.fmi.exchange_slave import ExchangeSlave
 from orchestrator.fmi.file import FmuFile, FmuKind
@@ -22,7 +23,6 @@ from orchestrator.fmi.interface import Value
 from orchestrator.solvers.base import SolverMethod, SolverSettings
 from orchestrator.system import FeedThrough, Part
 from orchestrator.trace import FloatArray, Trace
-from orchestrator.wiring import wire
 from tests.support.fmus import eventful
 from tests.support.simulation.scripted import Scripted
 from tests.support.tools import third_party

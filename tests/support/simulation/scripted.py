@@ -10,11 +10,11 @@ import numpy as np
 import scipy.linalg
 
 from fmus.errors import FmuError
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import REFUSED, CycleSettings, Engine, Order, Simulation, Timing
 from orchestrator.fmi.interface import Interface, Port, Value
 from orchestrator.system import FeedThrough, Part, System
 from orchestrator.trace import FloatArray
-from orchestrator.wiring import wire
 
 Matrix = FloatArray
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.interface import Value
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 
 Load = Callable[[Path, str], Slave]
 

@@ -12,12 +12,12 @@ import pytest
 from fmus.errors import FmuError, FmuFileError, ServotwinError
 from fmus.packaging import archive, targets
 from fmus.packaging.native import compiler, foreign_sources
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 from tests.support.fmus import moody
 from tests.support.tools import third_party
 

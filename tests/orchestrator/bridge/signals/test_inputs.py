@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from fmus.errors import InputError
+from orchestrator.assembly.wiring import wire
 from orchestrator.bridge.mapping import coupled
 from orchestrator.can.database.database import Database
 from orchestrator.fmi.interface import Interface, Port
 from orchestrator.scenario.can_block import CanBlock
 from orchestrator.system import Part
-from orchestrator.wiring import wire
 from tests.support.can.coupling_samples import frame
 from tests.support.can.mapped import INPUTS, SAFE, STEP, couple, received, sent
 

@@ -19,6 +19,7 @@ import pytest
 from fmus.errors import FmuError, InputError, ServotwinError, WiringError
 from fmus.packaging import targets
 from orchestrator.assembly.assembly import ComponentSpec
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import CycleSettings, Simulation, Timing
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.file import FmuFile
@@ -27,7 +28,6 @@ from orchestrator.fmi.slave import Slave
 from orchestrator.solvers.base import SolverSettings
 from orchestrator.system import Part
 from orchestrator.trace import Trace
-from orchestrator.wiring import wire
 from tests.support.fmus import brute
 from tests.support.fmus.brute import Mood
 from tests.support.tools import third_party

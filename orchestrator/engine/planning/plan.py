@@ -2,7 +2,7 @@
 
 Gauss-Seidel: a component whose outputs react at once runs before those that use them, so nothing is delayed that is
 not delayed in reality; outputs that are states of dynamics are passed on as they were at the beginning of the step.
-Jacobi: every output is passed on as it was at the beginning of the step. Iterated: see `iterated.py`.
+Jacobi: every output is passed on as it was at the beginning of the step. Iterated: see `orchestrator.engine.iterated`.
 """
 
 from __future__ import annotations

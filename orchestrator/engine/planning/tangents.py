@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fmus.errors import TangentsMissing
-from orchestrator.engine.plan import Plan
+from orchestrator.engine.planning.plan import Plan
 from orchestrator.fmi.component import Component
 from orchestrator.fmi.interface import along as names_along
 from orchestrator.fmi.slave import Slave

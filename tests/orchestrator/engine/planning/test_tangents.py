@@ -18,12 +18,12 @@ from fmus.errors import TangentsMissing, WiringError
 from fmus.packaging import targets
 from fmus.packaging.native import compiler
 from orchestrator.assembly.assembly import link
+from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Engine, Order, Run, Simulation, Timing
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part, System
 from orchestrator.trace import FloatArray
-from orchestrator.wiring import wire
 from tests.support.fmus.natives import VERSIONS
 from tests.support.simulation.twins import Twin, slopes, width
 
