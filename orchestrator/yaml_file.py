@@ -31,6 +31,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from fmus.errors import FmuFileError, ScenarioError, ServotwinError, TraceError, WiringError
 from fmus.files import RawMap
 from orchestrator.documents.docstrings import attributes, summary
+from orchestrator.documents.examples import example
 from orchestrator.documents.parsing import one_line, parse
 from orchestrator.documents.parts import INCLUDE, PART, document_of, place_of
 from orchestrator.documents.places import line_of
@@ -45,6 +46,11 @@ KINDS = {
     "sweep": ("sweep", "sweep"),
     "run": ("scenario", "run"),
 }
+
+# What pydantic misses -> that in words.
+FORMS = {"model_type": "keys with values", "dict_type": "keys with values", "list_type": "a list"}
+
+UNITS = "write a unit with its value, `20 mN.m`, and that of a recording's signal as `layout: {units: {angle: deg}}`"
 
 
 class Block(BaseModel):
@@ -255,20 +261,32 @@ def _complaint(path: Path, document: Any, schema: type[Block], error: Validation
     stands = place_of(document, path, keys)
     place = ": ".join([f"{stands.file}:{stands.line}", ".".join(map(one_line, keys))][: 1 + bool(keys)])
     if first["type"] == "extra_forbidden":
-        fields = _fields(schema, document, keys[:-1])
-        known = [name for name in fields if name != keys[-1]]
-        if below := [name for name, kind in fields.items() if _has(kind, keys[-1])]:
-            return ScenarioError(place, "unknown key", f"it belongs under `{below[0]}`")
-        if above := [keys[at] for at in range(len(keys) - 1) if keys[-1] in _fields(schema, document, keys[:at])]:
-            return ScenarioError(place, "unknown key", f"it belongs beside `{above[-1]}`")
-        near = difflib.get_close_matches(str(keys[-1]), known, n=1)
-        return ScenarioError(
-            place,
-            "unknown key",
-            f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}" if known else "remove it",
-        )
+        return ScenarioError(place, "unknown key", _instead_of(schema, document, keys))
+    if first["type"] == "missing":
+        needed = _fields(schema, document, keys[:-1]).get(keys[-1])
+        return ScenarioError(place, "is missing", f"write `{example(keys[-1], needed)}`")
+    if first["type"] in FORMS and keys:
+        kinds = [kind for block in _blocks(*_under(schema, document, keys[:-1])) for kind in _inner(block, keys[-1])]
+        fix = f"such as `{one_line(example(keys[-1], kinds[0]))}`" if kinds else ""
+        return ScenarioError(place, f"should be {FORMS[first['type']]}", fix)
     message = one_line(first["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, "))
     return ScenarioError(place, message[:1].lower() + message[1:])
+
+
+def _instead_of(schema: type[Block], document: Any, keys: Sequence[Any]) -> str:
+    """What to do about an unknown key."""
+    fields = _fields(schema, document, keys[:-1])
+    known = [name for name in fields if name != keys[-1]]
+    if below := [name for name, kind in fields.items() if _has(kind, keys[-1])]:
+        return f"it belongs under `{below[0]}`"
+    if above := [keys[at] for at in range(len(keys) - 1) if keys[-1] in _fields(schema, document, keys[:at])]:
+        return f"it belongs beside `{above[-1]}`"
+    near = difflib.get_close_matches(str(keys[-1]), known, n=1)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    if keys[-1] in ("unit", "units"):
+        return UNITS
+    return f"known are {', '.join(known)}" if known else "remove it"
 
 
 def _keys_in_file(document: Any, location: Sequence[Any], kind: str) -> list[Any]:
@@ -285,11 +303,17 @@ def _keys_in_file(document: Any, location: Sequence[Any], kind: str) -> list[Any
 
 def _fields(schema: type[Block], document: Any, keys: Sequence[Any]) -> dict[str, type[Any] | None]:
     """Keys and types of the block that a path of keys leads to; none where the path leaves plain blocks."""
+    kinds, node = _under(schema, document, keys)
+    return {name: kind for block in _blocks(kinds, node) for name, kind in _keys(block).items()}
+
+
+def _under(schema: type[Block], document: Any, keys: Sequence[Any]) -> tuple[list[Any], Any]:
+    """What a path of keys leads to: the types that it may have, and the value."""
     kinds, node = [schema], document
     for key in keys:
         kinds = [inner for block in _blocks(kinds, node) for inner in _inner(block, key)]
         node = node[key]
-    return {name: kind for block in _blocks(kinds, node) for name, kind in _keys(block).items()}
+    return kinds, node
 
 
 def _blocks(kinds: Iterable[Any], node: Any) -> list[Any]:

@@ -86,7 +86,7 @@ def line_of(path: Path, key: str) -> int:
             "",
             "hand.added_mass is given by `traces.values` and by another key; remove one",
         ),
-        ({"title": None}, "title", "field required"),
+        ({"title": None}, "title", "is missing; write `title: "),
         ({"connections": ["motor.torque = hand.torque"]}, "connections", "write source -> target"),
     ],
 )

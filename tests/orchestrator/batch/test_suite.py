@@ -69,7 +69,7 @@ def test_a_file_is_judged_by_its_keys_and_one_side_of_a_bus_only_where_it_is_nam
 
 def test_what_is_nothing_for_the_suite_is_refused_where_it_is_named(tmp_path: Path) -> None:
     files = written(tmp_path, other="title: nothing")
-    with pytest.raises(ScenarioError, match=r"other\.yaml:1: .*field required"):
+    with pytest.raises(ScenarioError, match=r"other\.yaml:1: .*is missing"):
         find_scenarios([files["other"]], {})
     with pytest.raises(ScenarioError, match="there is no scenario"):
         find_scenarios([tmp_path], {})

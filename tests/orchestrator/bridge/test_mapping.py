@@ -194,10 +194,13 @@ def test_what_does_not_fit_is_refused_with_its_place(rig: Database, block: dict[
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("receive: {rig.voltage: {signal: voltage}}", ":2: receive.rig.voltage.safe: field required"),
-        ("receive: {rig.voltage: voltage}", ":2: receive.rig.voltage: input should be"),
+        ("receive: {rig.voltage: {signal: voltage}}", ":2: receive.rig.voltage.safe: is missing; write `safe: 1.0`"),
+        (
+            "receive: {rig.voltage: voltage}",
+            ":2: receive.rig.voltage: should be keys with values; such as `rig.voltage: {signal: angle, safe: 1.0}`",
+        ),
         ("receive: {rig.voltage: {signal: voltage, safe: .nan}}", ":2: receive.rig.voltage.safe: input should be a f"),
-        ("send: {angle: {safe: 1}}", ":2: send.angle.source: field required"),
+        ("send: {angle: {safe: 1}}", ":2: send.angle.source: is missing; write `source: motor.speed`"),
         ("silence: 0", ":2: silence: input should be greater than 0"),
         ("send: {angle: rig.angle}\nevery: {State: 0}", "a period in `every` must be positive"),
         ("send: {angle: rig.angle, angle: rig.speed}", "is not YAML (found duplicate key"),
