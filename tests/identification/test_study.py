@@ -204,6 +204,7 @@ def test_numbers_may_have_units_of_their_own() -> None:
         "hand.inertia": {"min": "5000 g.mm2", "max": "200 g.m2"},
         "hand.equilibrium_angle": {"start": "90 deg", "min": "-0.5 turn", "max": 3.5},
         "wire": {"start": "2 ms", "min": 0, "max": "0.01 s"},
+        "hand.viscous_friction": {"start": 0.002, "min": 0, "max": 1, "by": {"warm": ["w.csv"], "cold": ["c.csv"]}},
     }
     hand = {"model": "pendulum", "parameters": {"added_length": 0.1, "inertia": "400 g.cm2"}}
     found = plain_study(
@@ -211,7 +212,7 @@ def test_numbers_may_have_units_of_their_own() -> None:
         inputs={"motor.voltage": {"signal": "voltage", "delay": "wire"}},
         parameters=parameters,
         compare={"other": {"hand.equilibrium_angle": "45 deg", "wire": "3 ms"}},
-        truth={"hand.inertia": "4 kg.m2"},
+        truth={"hand.inertia": "4 kg.m2", "hand.viscous_friction@cold": "2 mN.m.s/rad"},
     )
     told = {one.name: (one.start, one.lower, one.upper) for one in found.parameters.parameters}
     assert told["motor.torque_gain"] == (6, 0.5, 50)
@@ -220,7 +221,7 @@ def test_numbers_may_have_units_of_their_own() -> None:
     assert told["wire"] == pytest.approx((0.002, 0, 0.01))
     assert found.run.estimated_delays[0].highest == pytest.approx(0.01)
     assert found.compare["other"] == pytest.approx({"hand.equilibrium_angle": math.pi / 4, "wire": 0.003})
-    assert found.truth == {"hand.inertia": 4.0}
+    assert found.truth == pytest.approx({"hand.inertia": 4.0, "hand.viscous_friction@cold": 0.002})
     parameters["hand.inertia"]["max"] = "2 mm"
     with pytest.raises(WiringError, match=r"hand.inertia: mm does not fit kg.m2"):
         plain_study(inputs={"motor.voltage": {"signal": "voltage", "delay": "wire"}}, parameters=parameters)

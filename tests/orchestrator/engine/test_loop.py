@@ -324,6 +324,15 @@ def test_any_contracting_network_of_gains_settles_at_its_solution(seed: int, cou
     assert [trace[f"g{i}.y0"][-1] for i in range(count)] == pytest.approx(solution, rel=1e-9, abs=1e-9)
 
 
+def test_circles_through_several_outputs_of_one_component_settle_together() -> None:
+    K, back = np.array([[0.5, 0.2], [0.1, -0.3]]), [0.5, -0.4]
+    parts = [Gain("both", K, 1.0), *(Gain(f"back{i}", gain) for i, gain in enumerate(back))]
+    links = [link for i in range(2) for link in (f"both.y{i} -> back{i}.u0", f"back{i}.y0 -> both.u{i}")]
+    trace = simulation(parts, links, cycles=ITERATE).run().trace
+    solution = np.linalg.solve(np.eye(2) - K * back, np.ones(2))
+    assert [trace[f"both.y{i}"][-1] for i in range(2)] == pytest.approx(solution, rel=1e-10)
+
+
 def test_states_in_a_circle_advance_once_a_step_however_often_it_is_iterated() -> None:
     F, G, H, K, gain, z = 0.5, 1.0, 1.0, 0.4, -0.5, 1.0
     parts = [Sampler("sampler", [[F]], [[G]], [[H]], [[K]], [z]), Gain("gain", gain)]
