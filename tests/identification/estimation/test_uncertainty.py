@@ -14,7 +14,7 @@ from identification.estimation.arrow_least_squares import LEAST_SQUARES, Loss, W
 from identification.estimation.identifiability import identifiability
 from identification.estimation.noise import coloured
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet
-from identification.estimation.uncertainty import covariance
+from identification.estimation.uncertainty import covariance, without
 from identification.output_error.search.estimator import estimate
 from identification.output_error.search.problem import Problem, Window
 from tests.support.identification.closed_form import INSTANTS, Oscillator, ServoHand, oscillation
@@ -278,6 +278,12 @@ def test_a_parameter_that_initial_states_explain_is_named():
     x = columns(4)
     report = named(np.column_stack([x[:, :2], 3 * x[:, 2]]), states=x[:, 2:])
     assert [c.message for c in report.unseen] == ["c cannot be told from the estimated initial states"]
+
+
+def test_states_that_act_alike_explain_no_more_of_a_parameter_than_one_of_them():
+    x = columns(3)
+    alike = without(x[:, :2], x[:, 2:] @ [[1.0, -2.0]])
+    assert alike == pytest.approx(without(x[:, :2], x[:, 2:]), abs=1e-12)
 
 
 def test_a_product_on_log_scales_is_named():
