@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from html import escape
 
 import sympy
@@ -55,9 +56,11 @@ def variables(interface: DescribedInterface) -> str:
     return table(("Name", "Unit", "Kind", "Default", "Bounds", "Meaning"), _rows(interface))
 
 
-def _equations(model: Model) -> list[str]:
+@cache
+def _equations(model: Model) -> tuple[str, ...]:
+    """Parts of the page that other values do not change; to write them takes longer than all else once compiled."""
     traced = trace(model)
-    parts = []
+    parts: list[str] = []
     for label, title in _SECTIONS:
         expressions: Mapping[str, sympy.Expr] = getattr(traced, label)
         if expressions:
@@ -65,7 +68,7 @@ def _equations(model: Model) -> list[str]:
             parts.append(f"<h2>{title}</h2>")
             parts += [printer.equation(_left(name, label), expression) for name, expression in expressions.items()]
             parts += printer.definitions()
-    return parts
+    return tuple(parts)
 
 
 def _left(name: str, label: str) -> str:
