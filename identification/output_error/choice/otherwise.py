@@ -16,7 +16,7 @@ from fmus.errors import FmuError, InputError
 from identification.output_error.free_runs.simulator import SystemFactory
 from identification.output_error.free_runs.window import FreeRunWindow
 from identification.output_error.search.estimate import Estimate
-from identification.output_error.search.estimator import estimate
+from identification.output_error.search.estimator import fitted_only
 from identification.output_error.search.options import IntervalOptions, SearchOptions
 from identification.output_error.search.problem import Problem, Window
 from identification.output_error.study import FreeRunSpec
@@ -86,10 +86,10 @@ def _refitted(
             )
             windows = [_read_otherwise(factory.windows[w], read) for w in few]
             try:
-                anew = estimate(asked, replace(factory, windows=windows), options)
+                fits = fitted_only(asked, replace(factory, windows=windows), options)
             except (FmuError, InputError):
                 continue  # it cannot be fitted so
-            yield _Refitted(names, factor, float(np.nanmedian(anew.fit)))
+            yield _Refitted(names, factor, float(np.nanmedian(fits)))
 
 
 def _scaled(window: Window, scale: FloatArray) -> Window:

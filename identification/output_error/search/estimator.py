@@ -147,6 +147,21 @@ def _left(work: Work, found: Minimum) -> int:
 
 
 @single_threaded
+def fitted_only(problem: Problem, factory: Factory, options: SearchOptions) -> FloatArray:
+    """(W, m) FIT where the search ends; nothing is said of the parameters there, which takes as long as to find them.
+
+    Raises:
+        FmuError: no start can be simulated, or simulating processes kept dying.
+    """
+    reached = Reached(noise=_FIRST_NOISE * spread(problem))
+    with open_pool(factory, options.processes, options.isolation) as pool:
+        work = Work(problem, options, pool, reached, None)
+        begin, _ = _begin(work)
+        reached.wide = _difference_steps(work, begin)
+        return outputs(problem, _weighed(work, begin).at)[2]
+
+
+@single_threaded
 def predict(problem: Problem, factory: Factory, options: SearchOptions | None = None) -> Prediction:
     """Free runs with the parameters at their start values; estimated initial states are fitted, nothing else.
 
