@@ -27,7 +27,7 @@ def unpacked(folder: Path) -> Path:
 def complaints(folder: Path, fmu: Path) -> str:
     """What the checker says where it finds fault."""
     done = subprocess.run(
-        ["java", "-XX:TieredStopAtLevel=1", "-jar", "vdmcheck2.jar", str(fmu)],
+        ["java", *maven.BRIEF, "-jar", "vdmcheck2.jar", str(fmu)],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -12,6 +12,7 @@ from pathlib import Path
 CACHE = Path(__file__).parents[3] / ".cache"
 FMI4J = "info.laht.fmi4j:fmi-import:0.38.0"
 VDMCHECK = "org.into-cps.vdmcheck.fmi2:vdmcheck2:1.1.3"
+BRIEF = ("-XX:TieredStopAtLevel=1", "-XX:+UseSerialGC")  # for programs that end before better code would pay
 POM = """<project xmlns="http://maven.apache.org/POM/4.0.0">
   <modelVersion>4.0.0</modelVersion><groupId>local</groupId><artifactId>local</artifactId><version>1</version>
   <dependencies><dependency>

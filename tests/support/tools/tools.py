@@ -215,6 +215,7 @@ def in_java(jobs: list[tuple[Job, int]]) -> list[Rows]:
         done = subprocess.run(
             [
                 "java",
+                *maven.BRIEF,
                 f"-Djava.io.tmpdir={folder}",
                 "-cp",
                 f"{maven.jars(maven.FMI4J)}/*",
