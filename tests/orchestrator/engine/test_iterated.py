@@ -120,6 +120,14 @@ def test_the_error_is_of_the_size_that_was_asked_for(tolerance: float) -> None:
     assert result.trace.time.tolist() == [0.5 * number for number in range(5)]
 
 
+def test_of_large_values_the_tolerance_is_a_share() -> None:
+    found = []
+    for size in (1e4, 1e6):
+        stretched = Plant("spring", [[0.0]], [[1.0]], [[9.0], [1.0]], [[0.4], [0.0]], [size])
+        found.append(run([stretched, mass()], OSCILLATOR, "1/2", "2", control(1e-4)).account.taken)
+    assert found[0] == found[1]
+
+
 @pytest.mark.slow
 def test_fewer_steps_are_taken_where_a_system_is_at_rest() -> None:
     damped = [spring(100.0, 4.0), mass()]

@@ -14,10 +14,11 @@ import scipy.signal
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus.errors import FmuError, WiringError
+from fmus.errors import FmuError, InputError, WiringError
 from fmus.packaging import targets
 from orchestrator.assembly.wiring import wire
 from orchestrator.engine import Order, Simulation, Timing
+from orchestrator.engine.recording import require_room
 from orchestrator.fmi.file import FmuFile
 from orchestrator.fmi.slave import Slave
 from orchestrator.system import Part
@@ -48,6 +49,12 @@ def test_life_cycle_is_begin_run_step_and_reset_before_the_next_run() -> None:
     made.run()
     once = ["begin", "run", "step", "step", "terminate"]
     assert scripted(made, "gain").log == [*once, "reset", *once]
+
+
+def test_a_record_takes_memory_by_its_rows_and_its_columns() -> None:
+    require_room(10_000, 10)
+    with pytest.raises(InputError, match="values to keep would take 8,000,000 GB"):
+        require_room(10_000_000, 100_000_000)
 
 
 def test_a_run_repeats_bitwise_after_a_run_with_other_values() -> None:
