@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -38,7 +37,9 @@ def shortest(study: DesignStudy, progress: Progress = silent) -> Design:
                 raise
             trials[number] = DurationTrial(raster[number], math.inf, str(error))
             return False
-        trials[number] = DurationTrial(raster[number], sought.of_target(half_widths(made), relative(made)))
+        widths = dict(zip(made.names, map(float, made.after), strict=True))
+        largest = float(made.relative(made.after).max())
+        trials[number] = DurationTrial(raster[number], sought.of_target(widths, largest))
         return trials[number].of_target <= 1
 
     low, high = 0, len(raster) - 1
@@ -55,16 +56,6 @@ def durations(sought: Sought, step: Fraction) -> list[Fraction]:
     count = max(math.ceil((sought.high - sought.low) / sought.within), 1)
     even = [sought.low + (sought.high - sought.low) * Fraction(number, count) for number in range(count + 1)]
     return sorted({math.ceil(one / step) * step for one in even})
-
-
-def half_widths(made: Design) -> Mapping[str, float]:
-    """Half-widths that a design is predicted to leave, by parameter [unit each]."""
-    return dict(zip(made.names, map(float, made.after), strict=True))
-
-
-def relative(made: Design) -> float:
-    """The largest of the parameters that a design is about, as a part of its value."""
-    return float(made.relative(made.after).max())
 
 
 def _part(progress: Progress, done: int, most: int, seconds: float, share: float, remark: str) -> None:

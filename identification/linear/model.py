@@ -91,8 +91,7 @@ class LinearModel:
     def frequency_response(self, omega: FloatArray) -> ComplexArray:
         """(F, p, m) response at angular frequencies [rad/s]."""
         z = np.exp(1j * np.asarray(omega) * self.step)
-        inner = np.linalg.solve(z[:, None, None] * np.eye(self.order) - self.a, self.b.astype(complex)[None])
-        return np.asarray(self.c @ inner + self.d)
+        return transfer(self.a, self.b, self.c, z) + self.d
 
     def transformed(self, basis: FloatArray) -> LinearModel:
         """The same model in states z, where x = basis z; basis is (n, n) and invertible."""
@@ -104,3 +103,9 @@ class LinearModel:
         import control  # noqa: PLC0415 - slow to import, and few need it
 
         return control.ss(self.a, self.b, self.c, self.d, self.step)
+
+
+def transfer(a: FloatArray, b: FloatArray, c: FloatArray, z: ComplexArray) -> ComplexArray:
+    """C (z I - A)^-1 B, over the leading axes of the matrices and of z."""
+    inner = np.linalg.solve(z[..., None, None] * np.eye(a.shape[-1]) - a, b.astype(complex))
+    return np.asarray(c @ inner)

@@ -12,7 +12,7 @@ from identification.estimation.groups import Grouping
 from identification.estimation.parameters import Parameter, Scale, Tie
 from identification.estimation.prior import LogNormal, Normal, Prior, Uniform
 from identification.output_error.search.options import BootstrapKind, IntervalBy, IntervalOptions, SearchOptions
-from identification.output_error.study import AutoWindows, Shooting, StartSpec, WindowSpec
+from identification.output_error.study import AutoWindows, StartSpec, WindowSpec
 from identification.output_error.times.spans import SpanEntry, WidthEntry, amount
 from orchestrator.assembly.schema import ComponentBlock, Connections
 from orchestrator.assembly.whole_arrays import Values
@@ -150,9 +150,6 @@ class ShootingBlock(Block):
         if self.length is not None and self.length <= 0:
             raise ValueError("`length` must be positive")
         return self
-
-    def spec(self) -> Shooting:
-        return Shooting(self.segments, self.length)
 
 
 class PriorBlock(Block):

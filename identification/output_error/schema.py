@@ -33,7 +33,7 @@ from identification.output_error.blocks import (
 )
 from identification.output_error.choice.change import CANDIDATES, of_candidate
 from identification.output_error.search.options import IntervalBy, SearchOptions
-from identification.output_error.study import FreeRunSpec, OutputErrorStudy, OutputWeight, TraceSignal
+from identification.output_error.study import FreeRunSpec, OutputErrorStudy, OutputWeight, Shooting, TraceSignal
 from identification.output_error.times.delays import Delay, Estimated, KnownDelay
 from identification.quantities import SECONDS, numbers
 from identification.recordings.campaign import TraceSource
@@ -309,7 +309,7 @@ class OutputErrorBlock(RecordedStudyBlock, SystemBlock):
             weight=self.weight,
             loss=Loss(self.loss.kind, self.loss.scale),
             options=SearchOptions(**dict(self.options), intervals=self.uncertainty.options()),
-            shooting=self.shooting.spec() if self.shooting else None,
+            shooting=Shooting(**dict(self.shooting)) if self.shooting else None,
             by={name: how for name, block in self.parameters.items() if (how := block.grouping()) is not None},
         )
 

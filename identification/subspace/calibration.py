@@ -130,7 +130,7 @@ class _Cut:
     @property
     def samples(self) -> int:
         """Samples of the fitted records together."""
-        return sum(map(len, self.trying.ready))
+        return sum(map(len, self.trying.ready.records))
 
 
 def _cut(study: SubspaceBlock, recorded: list[StudyTrace]) -> _Cut:
@@ -146,11 +146,10 @@ def _cut(study: SubspaceBlock, recorded: list[StudyTrace]) -> _Cut:
     origin = {piece.name: trace for trace, piece in cut if piece.name in judged}
     sides = [tuple(judged[name] for name in _of(side, origin, study)) for side in (fitted, aside)]
     ready = prepared(first, how)
-    fitted_records = tuple(record for record in ready.records if record.name in judged)
+    ready = replace(ready, records=tuple(record for record in ready.records if record.name in judged))
     dropped = sum(len(piece) for _, piece in cut if piece.name not in judged)
     trying = Trying(
-        fitted_records,
-        ready.scale,
+        ready,
         Sides(sides[0], sides[1], study.start, not study.initial_states),
         study.rule,
         study.compared_poles,
@@ -186,7 +185,7 @@ def _refined(found: SubspaceCalibration, cut: _Cut, progress: Progress) -> Subsp
         try:
             refined = refine(
                 start.model,
-                cut.trying.ready,
+                cut.trying.ready.records,
                 settings,
                 start.gain,
                 lambda share, cost: progress(0.7 + 0.25 * share, f"refining, error {cost:.4g}"),
@@ -196,8 +195,8 @@ def _refined(found: SubspaceCalibration, cut: _Cut, progress: Progress) -> Subsp
         except (IdentificationError, np.linalg.LinAlgError) as error:
             failures.append(f"the model by {trial.settings.weighting} could not be refined: {error}")
             continue
-        judged = cut.trying.sides.judged("refined", start.why, cut.trying.unscaled(refined.model))
-        moved = tuple(cut.trying.unscaled(one) for one in changes(refined.model, directions, covariance))
+        judged = cut.trying.sides.judged("refined", start.why, cut.trying.ready.unscaled(refined.model))
+        moved = tuple(cut.trying.ready.unscaled(one) for one in changes(refined.model, directions, covariance))
         candidates = {**found.candidates, "refined": replace(judged, spreads=tuple(spread), changes=moved)}
         found = replace(found, candidates=candidates, refined=refined, failures=tuple(failures))
         if refined.interrupted:
@@ -212,11 +211,11 @@ def _reduced(found: SubspaceCalibration, cut: _Cut, how: ReductionBlock) -> Subs
     assert first is not None
     refined = found.refined is not None and found.candidates["refined"].score >= found.best.score
     model = found.refined.model if refined and found.refined is not None else first.model
-    u = np.concatenate([record.u for record in trying.ready])
+    u = np.concatenate([record.u for record in trying.ready.records])
     numbers = kept(how.by, modes(model), u, how.order, how.flexible)
-    best = updated(reduced(model, numbers), trying.ready, how.update)
+    best = updated(reduced(model, numbers), trying.ready.records, how.update)
     why = f"{best.order} states by {how.by.upper()}"
-    judged = trying.sides.judged("reduced", why, trying.unscaled(best))
+    judged = trying.sides.judged("reduced", why, trying.ready.unscaled(best))
     return replace(found, candidates={**found.candidates, "reduced": judged}, reduction=together(model, numbers, u))
 
 

@@ -12,6 +12,7 @@ from fmus.errors import IdentificationError
 from identification.linear.mode_tracking import ModeSpread
 from identification.linear.model import LinearModel
 from identification.linear.poles import Poles
+from identification.linear.preparation import PreparedData
 from identification.linear.records import InputOutputData
 from identification.linear.reduction import without_constants
 from identification.subspace.free_runs import free_runs, offset_of, samples_for
@@ -104,12 +105,11 @@ class Trying:
     """What is tried on which records.
 
     Attributes:
-        ready: the records that are fitted, scaled by (p,) `scale`.
+        ready: the records that are fitted.
         poles, feedthrough: those that are compared; the first is tried everywhere, the others where that is best.
     """
 
-    ready: tuple[InputOutputData, ...]
-    scale: FloatArray
+    ready: PreparedData
     sides: Sides
     rule: OrderRule
     poles: tuple[Poles, ...]
@@ -128,7 +128,7 @@ class Trying:
 
     def _space(self, settings: SubspaceSettings) -> RangeSpace | SubspaceTrial:
         try:
-            return range_space(self.ready, settings)
+            return range_space(self.ready.records, settings)
         except IdentificationError as error:
             return SubspaceTrial(settings, error=error)
 
@@ -140,12 +140,8 @@ class Trying:
             found = in_range_space(replace(space, settings=settings), self.rule)
         except IdentificationError as error:
             return SubspaceTrial(settings, error=error)
-        model = without_constants(self.unscaled(found.model), [record.u for record in self.sides.fitted])
+        model = without_constants(self.ready.unscaled(found.model), [record.u for record in self.sides.fitted])
         why = found.why
         if model.order < found.model.order:
             why += f", of which {found.model.order - model.order} only added a constant"
         return SubspaceTrial(settings, found, self.sides.judged(settings.weighting, why, model))
-
-    def unscaled(self, model: LinearModel) -> LinearModel:
-        """A model of the scaled records in the outputs' own units."""
-        return replace(model, c=model.c / self.scale[:, None], d=model.d / self.scale[:, None])

@@ -97,10 +97,6 @@ class OutputBlock(Block):
     factor: float = PlantOutput.factor
     unit: str | None = PlantOutput.unit
 
-    def output(self) -> PlantOutput:
-        """As a plain value."""
-        return PlantOutput(**dict(self))
-
 
 class PlantBlock(Block):
     """A plant: a linear model, as an FMU, in matrices or the result folder of its study; or a system.
@@ -165,7 +161,8 @@ class PlantBlock(Block):
         if not self.inputs:
             return CalibratedPlant(base / (self.calibrated or ""))
         system, spread = self._system(base)
-        outputs = {name: PlantOutput(o) if isinstance(o, str) else o.output() for name, o in self.outputs.items()}
+        given = {name: {"of": one} if isinstance(one, str) else dict(one) for name, one in self.outputs.items()}
+        outputs = {name: PlantOutput(**keys) for name, keys in given.items()}
         own = independent(self.spread) if self.spread else spread
         if self.calibration is not None:
             found, joint = estimates(base / self.calibration.folder, self.calibration.parameters)
@@ -286,10 +283,6 @@ class DrawsBlock(Block):
     seed: int = DrawSpec.seed
     share: float = Field(DrawSpec.share, gt=0, le=1)
 
-    def spec(self) -> DrawSpec:
-        """As a plain value."""
-        return DrawSpec(**dict(self))
-
 
 class RigBlock(Block):
     """A scenario on which the design is judged.
@@ -376,7 +369,7 @@ class TuneBlock(StudyBlock):
             self.design.procedure(),
             self.step.spec(),
             float(self.delay),
-            self.draws.spec() if self.draws else None,
+            DrawSpec(**dict(self.draws)) if self.draws else None,
             self.description,
             tuple(block.rig(base) for block in self.judged_on),
             {name: elements(block.controller) for name, block in self.plants.items() if block.controller},

@@ -51,8 +51,8 @@ def widened(run: FreeRun, here: Iterate) -> dict[int, float]:
     A smooth one's slopes over the run's own step for it and a quarter of that agree, and it is not among them. Columns
     are the parameters, then the estimated initial states, each moved in all windows at once.
     """
-    finest = run.relative(len(here.point.parameters) + here.point.states.shape[1], central=False)
-    width = dict(enumerate(finest.tolist()))
+    finest = _own_widths(run, here)
+    width = dict(finest)
     finer = _slopes(run, here, {c: _FINER * w for c, w in width.items()})
     found: dict[int, float] = {}
     while width:
@@ -67,11 +67,15 @@ def widened(run: FreeRun, here: Iterate) -> dict[int, float]:
 
 def restless(run: FreeRun, here: Iterate) -> list[int]:
     """Columns whose slopes over the run's own step and a quarter of it differ as those of smooth simulations do not."""
-    width = dict(
-        enumerate(run.relative(len(here.point.parameters) + here.point.states.shape[1], central=False).tolist())
-    )
+    width = _own_widths(run, here)
     finer, wider = _slopes(run, here, {c: _FINER * w for c, w in width.items()}), _slopes(run, here, width)
     return [c for c, w in width.items() if not _alike(run, finer[c], wider[c], _FINER * w, _SMOOTH)]
+
+
+def _own_widths(run: FreeRun, here: Iterate) -> dict[int, float]:
+    """Column -> relative step that the run takes for a forward difference."""
+    columns = len(here.point.parameters) + here.point.states.shape[1]
+    return dict(enumerate(run.relative(columns, central=False).tolist()))
 
 
 def _slopes(run: FreeRun, here: Iterate, widths: Mapping[int, float]) -> dict[int, FloatArray | None]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.linear.model import LinearModel
-from identification.tuning.loops.plants import padded, response
+from identification.linear.model import LinearModel, transfer
+from identification.tuning.loops.plants import padded
 from orchestrator.trace import ComplexArray, FloatArray
 
 
@@ -51,4 +51,4 @@ class ControllerSet:
         a, b, c, d = (getattr(self, name)[between] for name in "abcd")
         if not self.order:
             return np.asarray(d, dtype=complex)
-        return np.asarray(response(a, b, c, np.exp(1j * omega * self.step)) + d)
+        return np.asarray(transfer(a, b, c, np.exp(1j * omega * self.step)) + d)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import expm, logm
 
 from fmus.errors import IdentificationError
-from identification.linear.model import LinearModel
+from identification.linear.model import LinearModel, transfer
 from orchestrator.trace import ComplexArray, FloatArray
 
 DECADES = ((1e-6, 1e-3, 20), (1e-3, 1.0, 120))  # from and to, of half the sampling frequency: frequencies a decade
@@ -97,15 +97,9 @@ class PlantSet:
     def response(self, number: np.ndarray, omega: FloatArray) -> ComplexArray:
         """(Q, p, m) of the plants of these numbers (Q,), each at one angular frequency (Q,)."""
         parts = [
-            response(self.a[n], self.b[n], self.c[n], np.exp(1j * w * self.step)) for n, w in _chunks(number, omega)
+            transfer(self.a[n], self.b[n], self.c[n], np.exp(1j * w * self.step)) for n, w in _chunks(number, omega)
         ]
         return np.concatenate(parts)
-
-
-def response(a: FloatArray, b: FloatArray, c: FloatArray, z: ComplexArray) -> ComplexArray:
-    """C (z I - A)^-1 B, over the leading axes of the matrices and of z."""
-    inner = np.linalg.solve(z[..., None, None] * np.eye(a.shape[-1]) - a, b.astype(complex))
-    return np.asarray(c @ inner)
 
 
 def _chunks(number: np.ndarray, omega: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
