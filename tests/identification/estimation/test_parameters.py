@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.errors import IdentificationError
-from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
+from identification.estimation.parameters import Around, InitialState, Parameter, ParameterSet, Tie
 
 positive = st.floats(1e-6, 1e6)
 
@@ -94,6 +94,7 @@ def test_fixed_at_leaves_nothing_free():
         (lambda: Parameter("rig.a", 1.0, scale="square"), "rig.a", "scale is 'square'"),  # type: ignore[arg-type]
         (lambda: InitialState("rig.x", (0.0, 3.0), -1, 1), "rig.x", "start 3 is not within"),
         (lambda: InitialState("rig.x", ()), "rig.x", "no start value"),
+        (lambda: Around(("rig.a", "rig.b"), 0.0), "rig.a: around", "std 0 is not positive"),
         (lambda: ParameterSet((Parameter("a", 1), Parameter("a", 2))), "a", "declared twice"),
         (lambda: ParameterSet((Parameter("a", 1),), (Tie("a", "a"),)), "a", "declared twice"),
         (lambda: ParameterSet((Parameter("a", 1),), (Tie("b", "c"),)), "b", "'c', which is no declared"),

@@ -181,6 +181,12 @@ def test_white_covariance_lets_every_output_have_its_own_noise():
     assert np.diag(found) == pytest.approx(np.diag(expected), rel=0.05)
 
 
+def test_outliers_alone_leave_a_covariance_although_the_loss_is_concave_there():
+    blocks = [replace(b, residual=np.full(30, 5.0)) for b in random_blocks(np.random.default_rng(1), s=0)]
+    assert np.all(Loss("cauchy").curvature(blocks[0].residual) < 0)
+    assert np.all(np.isfinite(covariance(blocks, Loss("cauchy"), 1).matrices["white"]))
+
+
 def test_window_covariance_is_the_jackknife_over_windows():
     blocks = random_blocks(np.random.default_rng(2), s=0)
     J, r = np.concatenate([b.parameters for b in blocks]), np.concatenate([b.residual for b in blocks])

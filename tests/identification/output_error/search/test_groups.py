@@ -15,7 +15,7 @@ from fmus.errors import ScenarioError
 from fmus.packaging import archive, defaults
 from identification.calibrate import calibrate, calibrate_study
 from identification.estimation.arrow_least_squares import Point
-from identification.estimation.groups import Grouping, parted
+from identification.estimation.groups import Grouped, Grouping, parted
 from identification.estimation.parameters import InitialState, Parameter, ParameterSet, Tie
 from identification.output_error.search.estimator import estimate
 from identification.output_error.search.free_run import known_before
@@ -253,6 +253,12 @@ def test_rows_of_a_common_mean_have_the_derivatives_that_differences_show() -> N
         moved = at + step * np.eye(3)[column]
         slope = (known_before(problem, Point(moved, np.zeros((3, 0))), 0.7).residual - block.residual) / step
         assert block.parameters[:, column] == pytest.approx(slope, abs=1e-6)
+
+
+def test_a_recording_moves_with_the_value_of_its_group_or_with_the_mean_where_it_has_none() -> None:
+    grouped = Grouped("m.k", {"warm": "m.k@warm", "cold": "m.k@cold"}, {"w0": "warm"})
+    moved = {"m.k@cold": 3.0}
+    assert [grouped.slopes(trace, moved) for trace in ("w0", "x0")] == [0.0, 1.5]
 
 
 def test_a_group_that_few_windows_have_is_not_taken_for_silent() -> None:
