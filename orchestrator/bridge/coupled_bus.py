@@ -64,6 +64,9 @@ class RealNode:
         self._odd, self._crowded, self._begun = Counter[str](), False, False
         self._news = News(lambda line: LOG.warning("%s: %s", self.name, line))
 
+    def reset(self) -> None:
+        """What is on a bus goes on."""
+
     def sent(self, time: float) -> Iterable[tuple[float, bytes]]:
         frames = self._line.take()
         good = [frame for frame in frames if not frame.is_error_frame]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fmus.errors import FmuEnded, FmuError, WiringError
+from fmus.errors import BusError, FmuEnded, FmuError, WiringError
 from fmus.words import listed
 from orchestrator.engine.account import Account
 from orchestrator.engine.compiled import Engine
@@ -202,17 +202,17 @@ class Simulation:
             if steps % run.record_every == 0:
                 loop.record(recorder)
             recorder.empty(loop.recorded)
-        except (KeyboardInterrupt, FmuError) as early:
+        except (KeyboardInterrupt, FmuError, BusError) as early:
             end = early
             engine.finish()
-            if isinstance(end, FmuError) and loop.tick % recorder.every == 0:
+            if not isinstance(end, KeyboardInterrupt) and loop.tick % recorder.every == 0:
                 loop.record(recorder, begun=True)
             recorder.empty(loop.recorded)
         done = _Done(recorder, loop, reason, perf_counter() - begun, str(end) if isinstance(end, FmuEnded) else "")
         if end is not None and (requested() or isinstance(end, KeyboardInterrupt)):
             raise Interrupted(self._result(done)) from None
         self._terminate()
-        if isinstance(end, FmuError) and not done.ended:
+        if end is not None and not done.ended:
             raise RunFailed(end, self._result(done)) from end
         return done
 

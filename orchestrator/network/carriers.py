@@ -72,6 +72,8 @@ class Carrier:
 
     def begin(self, start: float, stop: float | None, tolerance: float | None = None) -> None:
         self._start, self._values = start, dict.fromkeys(self.interface.ports, 0.0)
+        for node in self._nodes:
+            node.reset()
 
     def bind(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
         self._outputs = outputs

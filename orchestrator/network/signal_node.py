@@ -21,13 +21,16 @@ class HighCutNode:
     notified = False
 
     def __init__(self, name: str, slave: ClockedSlave, terminal: HighCut) -> None:
-        self.name, self._slave = name, slave
-        sent = [frame for frame in terminal.frames if frame.sent]
-        self._received, self._statistics = by_identifier(terminal.frames), FrameStatistics()
+        self.name, self._slave, self._database = name, slave, terminal.database
+        self._sent = [frame for frame in terminal.frames if frame.sent]
+        self._received = by_identifier(terminal.frames)
+        self.reset()
+
+    def reset(self) -> None:
+        self._statistics, self._decoder = FrameStatistics(), SingleDecoder(self._database)
         self._encoders = {
-            frame.clock: (frame, SingleEncoder(frame.message, self._statistics, switched=True)) for frame in sent
+            frame.clock: (frame, SingleEncoder(frame.message, self._statistics, switched=True)) for frame in self._sent
         }
-        self._decoder, self._database = SingleDecoder(terminal.database), terminal.database
         self._latest: dict[str, Value] = {}  # of multiplexed signals, which are not in every frame
 
     def sent(self, time: float) -> Iterable[tuple[float, bytes]]:

@@ -15,7 +15,7 @@ import can
 
 from fmus.errors import InputError, RecordError
 from fmus.files import sha256
-from orchestrator.can.logs.writing import AscWriter
+from orchestrator.can.logs.writing import AscWriter, CandumpWriter
 
 
 @dataclass
@@ -49,7 +49,7 @@ class _BlfWriter(can.BLFWriter):
 
 
 _NAMING, _WORD = (".log",), re.compile(r"[A-Za-z_]\w*")  # formats with words for channels, and what a word is
-WRITERS: dict[str, Any] = {".blf": _BlfWriter, ".asc": AscWriter, ".log": can.CanutilsLogWriter}
+WRITERS: dict[str, Any] = {".blf": _BlfWriter, ".asc": AscWriter, ".log": CandumpWriter}
 
 
 def writer_of(suffix: str) -> Any:

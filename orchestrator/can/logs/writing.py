@@ -5,6 +5,7 @@ What a format cannot hold is counted for a caller who asks for it, and refused o
 
 from __future__ import annotations
 
+import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from can import Message
 from can.io import ASCWriter, CanutilsLogWriter, CSVWriter, TRCWriter
 from can.io.generic import MessageWriter
 
@@ -31,7 +33,6 @@ class Holds:
 
     Attributes:
         fd, remote, error: such frames at all.
-        remote_length: how many bytes a remote frame asks for.
         error_content: identifier and data of an error frame.
         earlier: stamps before the first frame's.
     """
@@ -39,7 +40,6 @@ class Holds:
     fd: bool = True
     remote: bool = True
     error: bool = True
-    remote_length: bool = True
     error_content: bool = True
     error_sent: bool = True
     sent: bool = True
@@ -52,7 +52,7 @@ FORMATS = {
     ".blf": Holds(error_sent=False, earlier=False),
     ".csv": Holds(fd=False, sent=False, channel=False),
     ".db": Holds(fd=False, sent=False, channel=False),
-    ".log": Holds(remote_length=False, error_content=False, error_sent=False, earlier=False),
+    ".log": Holds(error_content=False, error_sent=False, earlier=False),
     ".mf4": Holds(),
     ".trc": Holds(fd=False, remote=False, error=False),
 }
@@ -142,7 +142,6 @@ def _reduced(batch: Frames, holds: Holds, first: float) -> tuple[Frames, Counter
         missing[what] = int(np.count_nonzero(rows))
     content = (batch.id != 0) | (batch.length != 0)
     parts = {
-        "how many bytes remote frames ask for": remote & (batch.length > 0) & (not holds.remote_length),
         "what error frames hold": error & content & (not holds.error_content),
         "that error frames were sent": error & batch.has(Flag.SENT) & (not holds.error_sent),
         "that frames were sent": ~error & batch.has(Flag.SENT) & (not holds.sent),
@@ -171,6 +170,19 @@ class AscWriter(ASCWriter):
         return dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}"))
 
 
+class CandumpWriter(CanutilsLogWriter):
+    """python-can's writer with how many bytes remote frames ask for, as candump has it."""
+
+    def on_message_received(self, msg: Message) -> None:
+        file, line = self.file, io.StringIO()
+        self.file = line
+        super().on_message_received(msg)
+        self.file = file
+        text = line.getvalue()
+        asked = msg.is_remote_frame and msg.dlc
+        file.write(text.replace("#R", f"#R{msg.dlc}", 1) if asked else text)
+
+
 def _trc(part: Path, target: Path) -> MessageWriter:
     writer = TRCWriter(part)
     writer.filepath = target.name
@@ -184,6 +196,6 @@ def _plain(kind: Callable[..., MessageWriter]) -> Callable[[Path, Path], Any]:
 WRITERS: dict[str, Callable[[Path, Path], Any]] = {
     ".asc": _plain(AscWriter),
     ".csv": _plain(CSVWriter),
-    ".log": _plain(CanutilsLogWriter),
+    ".log": _plain(CandumpWriter),
     ".trc": _trc,
 }

@@ -52,6 +52,7 @@ class IdealBusNode:
         notified: whether it is told what becomes of its frames.
         inbox: operations that it has still to be given, in order.
         discards: whether its frames are given back when they lose arbitration.
+        off: since when it has been off the bus [s].
     """
 
     name: str
@@ -59,6 +60,7 @@ class IdealBusNode:
     inbox: list[bytes] = field(default_factory=list)
     discards: bool = False
     state: NodeState = NodeState.ERROR_ACTIVE
+    off: float = math.inf
 
 
 class IdealBus:
@@ -101,7 +103,7 @@ class IdealBus:
             if isinstance(operation, Transmit | TransmitFd):
                 self._request(number, time, operation, own)
             else:
-                self._obey(number, operation)
+                self._obey(number, time, operation)
 
     def run(self, until: float) -> None:
         """Go on to a time, up to which all that nodes have given has been taken."""
@@ -121,7 +123,10 @@ class IdealBus:
                 return
             while arrivals and arrivals[0][0] < bit_over:
                 self._line_up(heappop(arrivals))
-            self._begin(begin, heappop(ready)[-1], rate, data_rate)
+            request = heappop(ready)[-1]
+            if self._is_off(request[2], begin):
+                continue
+            self._begin(begin, request, rate, data_rate)
             self._give_back(begin)
 
     def busy(self, until: float) -> float:
@@ -151,15 +156,26 @@ class IdealBus:
     def _speed(self) -> tuple[int, int]:
         """The nominal and the data bit rate."""
         if "bitrate" not in self._rates:
-            raise BusError(self.name, "has no bit rate, and no node configures one", "give it a `bitrate`")
+            raise BusError(
+                self.name,
+                "has no bit rate, and no node has configured one before the first frame",
+                "give it a `bitrate`",
+            )
         return self._rates["bitrate"][0], self._rates.get("data_bitrate", self._rates["bitrate"])[0]
 
     def _request(self, number: int, time: float, frame: Frame, operation: bytes) -> None:
-        if self.nodes[number].state is NodeState.BUS_OFF:
-            self.counts[f"frames of {self.nodes[number].name}, which is off the bus"] += 1
+        if self._is_off(number, time):
             return
         self._number += 1
         heappush(self._arrivals, (time, self._number, number, frame, operation))
+
+    def _is_off(self, number: int, time: float) -> bool:
+        """Whether a node that has a frame to send is off the bus at a time, which is counted."""
+        node = self.nodes[number]
+        if time < node.off:
+            return False
+        self.counts[f"frames of {node.name}, which is off the bus"] += 1
+        return True
 
     def _line_up(self, request: Request) -> None:
         """Have a frame take part in arbitration; who is error passive comes after the others."""
@@ -172,6 +188,9 @@ class IdealBus:
     def _begin(self, begin: float, request: Request, rate: int, data_rate: int) -> None:
         """Have a frame on the wire from a time on, not before the bus is free."""
         nominal, data = _bits(request[3])
+        if data and "data_bitrate" not in self._rates:
+            name = self.nodes[request[2]].name
+            self.counts[f"frames of {name} that switch to a data bit rate, which nobody gives: sent at the other"] += 1
         if begin > self._free:
             self._origin, self._bits = begin, (0, 0)
         nominal, data = self._bits[0] + nominal, self._bits[1] + data
@@ -187,7 +206,7 @@ class IdealBus:
         _, _, number, frame, operation = request
         sender, heard = self.nodes[number], False
         for node in self.nodes:
-            if node is not sender and node.state is not NodeState.BUS_OFF:
+            if node is not sender and self._received < node.off:
                 node.inbox.append(operation)
                 heard = True
         self.carried += 1
@@ -211,13 +230,14 @@ class IdealBus:
             if node.notified:
                 node.inbox.append(encoded([ArbitrationLost(frame.id)]))
 
-    def _obey(self, number: int, operation: Operation | Malformed) -> None:
+    def _obey(self, number: int, time: float, operation: Operation | Malformed) -> None:
         """Do what a node wants that is no frame; what it cannot want is counted."""
         node = self.nodes[number]
         if isinstance(operation, Configuration):
             self._configure(node, operation)
         elif isinstance(operation, Status):
             node.state = operation.state
+            node.off = time if operation.state is NodeState.BUS_OFF else math.inf
         elif isinstance(operation, Wakeup):
             for other in self.nodes:
                 other.inbox += [] if other is node else [encoded([operation])]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmus.errors import BusError, FmuFileError, InputError, TangentsMissing, WiringError
+from fmus.errors import FmuFileError, InputError, TangentsMissing, WiringError
 from orchestrator.assembly.assembly import ComponentSpec, OpenSystem, SystemSpec, assemble
 from orchestrator.can import logs
 from orchestrator.can.ls_bus import stuffing
@@ -26,7 +26,7 @@ from orchestrator.fmi.isolation import Isolation
 from orchestrator.network.bus_spec import BusSpec
 from orchestrator.scenario.exchange import export
 from orchestrator.scenario.results import write_run
-from orchestrator.scenario.run import run_scenario
+from orchestrator.scenario.run import ScenarioFailed, run_scenario
 
 Node = Callable[..., Path]
 Run = Callable[..., Result]
@@ -152,8 +152,24 @@ def test_results_hold_the_frames_as_a_log(node: Node, scenario: Any, tmp_path: P
 
 def test_bit_rates_that_contradict_each_other_end_the_run(node: Node, run: Run) -> None:
     parts = {"a": (node(triggered=True), {"triggered": 1, "rate": 125_000}), "b": (node(), {})}
-    with pytest.raises(BusError, match=r"can0\.bitrate: .* 125000 bit/s by a\.Can and to 500000 bit/s by the bus"):
+    with pytest.raises(
+        ScenarioFailed, match=r"can0\.bitrate: .* 125000 bit/s by a\.Can and to 500000 bit/s by the bus"
+    ):
         run(parts, BUS)
+
+
+def test_a_run_that_its_bus_ends_keeps_what_it_gave_until_then(node: Node, scenario: Any, tmp_path: Path) -> None:
+    parts = {"a": (node(), {"first": 0.2}), "b": (node(), {"first": 10})}
+    with pytest.raises(ScenarioFailed, match=r"can0: has no bit rate") as failed:
+        run_scenario(scenario(parts, {"can0": {"nodes": ["a.Can", "b.Can"]}}))
+    assert failed.value.result.cases[0].trace.time[-1] == pytest.approx(0.2)
+
+
+def test_a_node_does_not_get_what_is_longer_than_it_takes(node: Node, run: Run) -> None:
+    parts = {"a": (node(), {}), "b": (node(('maxSize="64"', 'maxSize="17"')), {"first": 10})}
+    found = run(parts, BUS)
+    assert found.trace["b.received"][-1] == 0
+    assert found.carried["can0"].remarks == ("9 operations that b.Can, which takes 17 bytes at once, did not get",)
 
 
 @pytest.mark.parametrize(

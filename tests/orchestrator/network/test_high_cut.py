@@ -14,6 +14,7 @@ from fmus.packaging import archive
 from orchestrator.can.codec.single_decoding import SingleDecoder
 from orchestrator.can.database.database import load
 from orchestrator.engine import Result
+from orchestrator.scenario.run import run_scenario
 from tests.support.fmus import clocks
 
 Run = Callable[..., Result]
@@ -145,13 +146,26 @@ BO_ 100 Beat: 4 A
 """
 
 
-def test_a_multiplexed_frame_sets_what_its_page_has(high_cut: Any, run: Run, tmp_path: Path) -> None:
+@pytest.fixture
+def paged(high_cut: Any, tmp_path: Path) -> dict[str, Any]:
     """The number of ticks selects the page, and 6 and 9 select none: those frames are not sent, which is told."""
     (tmp_path / "paged.dbc").write_text(PAGED)
     sent = ("out", {"page": "n_tick", "stamp": "last_time"})
     received = ("trigger", {"page": "u", "stamp": "w"})
-    parts = {"a": (high_cut("a", ("tick", "out"), sent), {}), "b": (high_cut("b", ("trigger",), received), {})}
-    found = run(parts, bus(database=str(tmp_path / "paged.dbc")), step=0.05)
+    return {"a": (high_cut("a", ("tick", "out"), sent), {}), "b": (high_cut("b", ("trigger",), received), {})}
+
+
+def test_every_run_begins_with_nothing_sent_or_received(paged: Any, scenario: Any, tmp_path: Path) -> None:
+    cases = {"cases": [{"name": "one"}, {"name": "other"}]}
+    file = scenario(paged, bus(database=str(tmp_path / "paged.dbc")), step=0.05, more=cases)
+    one, other = (case.result for case in run_scenario(file).cases)
+    assert one is not None and other is not None
+    assert one.carried["line"].remarks == other.carried["line"].remarks
+    assert one.trace == other.trace
+
+
+def test_a_multiplexed_frame_sets_what_its_page_has(paged: Any, run: Run, tmp_path: Path) -> None:
+    found = run(paged, bus(database=str(tmp_path / "paged.dbc")), step=0.05)
     frames = list(found.carried["line"].frames.messages())
     assert [(round(frame.timestamp, 3), frame.data[0]) for frame in frames] == [(0.2, 3)]
     assert found.trace["b.n_trigger"][-1] == 1

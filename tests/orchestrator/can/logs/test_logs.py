@@ -30,7 +30,7 @@ LOSES = {
     ".blf": {"that error frames were sent"},
     ".csv": {"CAN FD frames", "that frames were sent", "channels"},
     ".db": {"CAN FD frames", "that frames were sent", "channels"},
-    ".log": {"how many bytes remote frames ask for", "what error frames hold", "that error frames were sent"},
+    ".log": {"what error frames hold", "that error frames were sent"},
     ".mf4": set(),
     ".trc": {"CAN FD frames", "remote frames", "error frames"},
 }
@@ -48,8 +48,6 @@ def holdable(frames: Frames, suffix: str) -> Frames:
     if suffix in (".asc", ".log"):
         identifier[error] = 0
         flags[error] |= np.uint8(Flag.EXTENDED)  # python-can's default
-    if suffix == ".log":
-        length[remote] = 0
     if suffix in (".csv", ".db"):
         flags &= ~np.uint8(Flag.SENT)
         channel[:] = 0

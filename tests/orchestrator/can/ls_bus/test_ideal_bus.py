@@ -165,6 +165,26 @@ def test_without_a_receiver_nothing_is_confirmed() -> None:
     assert bus.counts == {"frames of n0 that nobody acknowledged": 1, "frames of n1, which is off the bus": 1}
 
 
+def test_who_is_off_the_bus_neither_sends_nor_hears_from_then_on() -> None:
+    bus = a_bus(2)
+    give(bus, 0, 0.0, *(frame(identifier) for identifier in range(10)))
+    give(bus, 1, 0.0, frame(0x123))
+    give(bus, 1, 0.5 / RATE, frame(0x124))
+    give(bus, 1, 100.0 / RATE, Status(NodeState.BUS_OFF))
+    bus.run(LATE)
+    assert got(bus, 1) == [frame(0)]  # the next one ends after 100 bits
+    assert bus.frames().id.tolist() == [*range(10)]
+    assert bus.counts["frames of n1, which is off the bus"] == 2
+
+
+def test_a_data_bit_rate_that_nobody_gives_is_told() -> None:
+    bus = a_bus(2)
+    give(bus, 0, 0.0, TransmitFd(1, False, True, False, bytes(8)), TransmitFd(2, False, False, False, bytes(8)))
+    bus.run(LATE)
+    said = "frames of n0 that switch to a data bit rate, which nobody gives: sent at the other"
+    assert bus.counts == {said: 1}
+
+
 def test_error_passive_nodes_come_after_the_others() -> None:
     bus = a_bus()
     give(bus, 0, 0.0, Status(NodeState.ERROR_PASSIVE), frame(0x001))
