@@ -106,7 +106,9 @@ def _outline(file: Path, scenario: Scenario, assembled: Assembled) -> Outline:
         values=typed(system, values),
         times=times,
         driven=_driven(scenario, system),
-        recorded=tuple(name for name in by_elements(system, scenario).record or () if _is_output(system, name)),
+        recorded=tuple(
+            dict.fromkeys(name for name in by_elements(system, scenario).record or () if _is_output(system, name))
+        ),
         annotations=_annotations(file),
         others=_extras(file),
     )

@@ -55,11 +55,16 @@ class Assignment:
 
     def _bind(self, path: Path, element: Element, binding: Binding) -> None:
         known = {**self.flat.units_at(path), **binding.units}
+        sources: dict[str, str] = {}
         for entry in _entries(binding):
             parameter = binding.values.get(entry.source)
             if parameter is None:
                 self.notes.append(f"{binding.place}: its mapping names '{entry.source}', which is not in the set")
                 continue
+            if before := sources.get(entry.target):
+                twice = f"'{entry.target}' is mapped twice, '{entry.source}' counts, not '{before}'"
+                self.notes.append(f"{binding.place}: {twice}")
+            sources[entry.target] = entry.source
             nodes = self._targets(path, element, entry.target)
             self.values |= dict.fromkeys(nodes, Assigned(parameter, f"{binding.place}: {entry.source}", known, entry))
             if not nodes:

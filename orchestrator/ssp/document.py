@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -69,10 +70,10 @@ class _Importing:
         self.fmus = self._described()
         self.interfaces: dict[flattening.Path, Interface] = {path: fmu.interface for path, fmu in self.fmus.items()}
         self.names = flattening.component_names(list(self.flat.components))
-        assignment = Assignment(self.flat, self.interfaces)
-        assignment.gather((), self.description.system)
-        self.values = assignment.values
         self.used = set[Node]()
+        assignment = self._assigned()
+        if self._resize():
+            assignment = self._assigned()
         self.notes += [*self.description.notes, *assignment.notes, *self._contradictions()]
         self.parameters: dict[flattening.Path, RawMap] = {path: {} for path in self.fmus}
         self.stimuli: RawMap = {}
@@ -91,11 +92,38 @@ class _Importing:
         read_once = cache(FmuDescription)
         fmus = {}
         for path, component in self.flat.components.items():
-            try:
+            with self._naming(path):
                 fmus[path] = read_once(Path(component.file))
-            except FmuFileError as error:
-                raise FmuFileError(f"{self.path}: {'.'.join(path)}", error.problem, error.fix) from error
         return fmus
+
+    def _assigned(self) -> Assignment:
+        """What parameter sets give to variables that the FMUs have."""
+        assignment = Assignment(self.flat, self.interfaces)
+        assignment.gather((), self.description.system)
+        self.values = assignment.values
+        return assignment
+
+    def _resize(self) -> bool:
+        """Describe those FMUs anew whose arrays have the sizes of structural parameters that are given values; whether
+        there are any."""
+        resized = False
+        for path, fmu in self.fmus.items():
+            sizing = [((path, port.name), port) for port in fmu.interface.of("structuralParameter")]
+            found = {port.name: self._given_to(node, port) for node, port in sizing}
+            sizes = {name: size for name, size in found.items() if size is not None}
+            if sizes:
+                with self._naming(path):
+                    self.fmus[path] = FmuDescription(fmu.path, None, sizes)
+                self.interfaces[path], resized = self.fmus[path].interface, True
+        return resized
+
+    @contextmanager
+    def _naming(self, path: flattening.Path) -> Iterator[None]:
+        """Errors of an FMU name its component."""
+        try:
+            yield
+        except FmuFileError as error:
+            raise FmuFileError(f"{self.path}: {'.'.join(path)}", error.problem, error.fix) from error
 
     def _component(self, path: flattening.Path) -> RawMap:
         component, fmu = self.flat.components[path], self.fmus[path]
@@ -171,9 +199,8 @@ class _Importing:
     def _contradictions(self) -> Iterator[str]:
         """Where the file says something else of a component's variable than its FMU, which counts."""
         for path, component in self.flat.components.items():
-            resized = bool(self.interfaces[path].of("structuralParameter"))
             for connector in component.connectors.values():
-                said = contradiction(connector, self._found((path, connector.name)), resized)
+                said = contradiction(connector, self._found((path, connector.name)))
                 if said:
                     yield f"{'.'.join((*path, connector.name))}: {said}"
 
@@ -188,6 +215,13 @@ class _Importing:
                 unit = passage.meaning(connector.unit, hop.units)
             passed = passed.over(unit, hop.link.by_unit, hop.link.transformation, hop.place)
         return passed
+
+    def _given_to(self, node: Node, port: Port) -> Any:
+        """What a component's variable is given; None where it is nothing."""
+        _, hops = self.flat.way(node)
+        given = next((at for at, hop in enumerate(hops) if hop.origin in self.values), len(hops))
+        here = hops[given].origin if hops[given:] else node
+        return self._value(here, hops[given:], node, port) if here in self.values else None
 
     def _value(self, here: Node, hops: list[Hop], node: Node, port: Port) -> Any:
         """What a value assigned to a connector is in the unit of a component's variable, in nested lists where it is an

@@ -55,12 +55,8 @@ def type_name(port: Port, version: Version) -> str:
     return port.type if port.type in ("Boolean", "String", "Binary") else "Integer"
 
 
-def contradiction(connector: Connector, port: Port | None, resized: bool) -> str:
-    """In what a connector is said to be something else than its variable is, which counts; nothing where it is not.
-
-    Args:
-        resized: whether arrays may have other sizes than the FMU declares.
-    """
+def contradiction(connector: Connector, port: Port | None) -> str:
+    """In what a connector is said to be something else than its variable is, which counts; nothing where it is not."""
     if port is None:
         return "is no variable of its FMU"
     if connector.kind in ("input", "output", "parameter", *COMPUTED) and port.causality not in (
@@ -71,7 +67,7 @@ def contradiction(connector: Connector, port: Port | None, resized: bool) -> str
     if connector.type and _sort(connector.type) != _sort(port.type):
         return f"is said to be {with_article(connector.type)}, and is {with_article(port.type)} of its FMU"
     own = tuple(map(str, port.array.shape if port.array and port.array.name == connector.name else ()))
-    if connector.sizes and connector.sizes != own and not resized:
+    if connector.sizes and connector.sizes != own:
         said, found = (f"of {' x '.join(sizes)} elements" if sizes else "a scalar" for sizes in (connector.sizes, own))
         return f"is said to be {said}, and is {found} in its FMU"
     return ""

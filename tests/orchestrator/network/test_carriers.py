@@ -18,6 +18,9 @@ class Talker:
     heard: list[bytes] = field(default_factory=list)
     notified: bool = False
 
+    def reset(self) -> None:
+        self.heard.clear()
+
     def sent(self, time: float) -> Iterable[tuple[float, bytes]]:
         return [(time, encoded([Transmit(1, False, False, 1, b"\1")]))]
 

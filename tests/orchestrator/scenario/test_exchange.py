@@ -18,7 +18,7 @@ from orchestrator.ssp.checking import check
 from orchestrator.ssp.document import imported
 from orchestrator.ssp.names import Version
 from orchestrator.ssp.outline import Tool
-from tests.support.fmus import clocks
+from tests.support.fmus import arrays, clocks
 from tests.support.simulation import ssps
 from tests.support.simulation.ssps import NAMESPACES, archive, component, system
 from tests.support.tools.third_party import reference
@@ -267,6 +267,19 @@ def test_version_2_has_the_types_and_arrays_of_fmi_3(tmp_path: Path) -> None:
         "A": [[-1.0, 0.0, 1.0], [2.0, -3.0, 0.0], [0.0, 0.0, -1.0]],
         "u": [1.0, 0.5, 3.0],
     }
+
+
+@pytest.mark.parametrize("version", list(Version))
+def test_arrays_of_other_sizes_than_the_fmu_has_go_both_ways(tmp_path: Path, version: Version) -> None:
+    sized = {"m": 3, "gain": [[1, 0, 0], [0, 2, 0], [0, 0, 3]], "u": [1, 1, 5]}
+    file = fmi3(tmp_path, arrays.build(tmp_path), ["a.y[3] -> b.u[2]"], a=sized, b={})
+    document = json.loads(file.read_text()) | {"record": ["a.y", "a.y[3]", "b.y[2]"]}
+    file.write_text(json.dumps(document))
+    export(file, tmp_path / "s.ssp", version=version)
+    assert check(tmp_path / "s.ssp").problems == ()
+    for one in (file, tmp_path / "s.ssp", unpack(tmp_path / "s.ssp", tmp_path / "again")):
+        trace = run_scenario(one).cases[0].trace
+        assert [trace[name][-1] for name in ("a.y[1]", "a.y[2]", "a.y[3]", "b.y[2]")] == [1, 2, 15, 15]
 
 
 def test_version_2_connects_elements_of_arrays_by_their_indices(tmp_path: Path) -> None:

@@ -137,19 +137,21 @@ def test_values_of_all_types_arrive(tmp_path: Path) -> None:
 def test_sets_and_mappings_in_files_and_prefixes_are_taken(tmp_path: Path) -> None:
     mapping = f"""<ssm:ParameterMapping {XMLNS} version="1.0">
         <ssm:MappingEntry source="a.stiffness" target="a.k">{LINEAR}</ssm:MappingEntry>
+        <ssm:MappingEntry source="a.more" target="a.b"/>
         <ssm:MappingEntry source="a.stiffness" target="a.b"/>
         <ssm:MappingEntry source="a.gone" target="a.n"/></ssm:ParameterMapping>"""
     bound = """<ssd:ParameterBindings><ssd:ParameterBinding source="resources/sets/p%20q.ssv" prefix="a.">
         <ssd:ParameterMapping source="resources/m.ssm"/></ssd:ParameterBinding></ssd:ParameterBindings>"""
     files = {
         "resources/gain.fmu": gain(),
-        "resources/sets/p q.ssv": values({"stiffness": real(2), "unused": real(1)}),
+        "resources/sets/p q.ssv": values({"stiffness": real(2), "more": real(9), "unused": real(1)}),
         "resources/m.ssm": mapping,
     }
     found = imported(archive(tmp_path / "m.ssp", system([component("a")], before=bound), files))
     assert found.document["components"]["a"]["parameters"] == {"k": 6.5, "b": 2.0}
     said = " ".join(found.notes)
     assert "'a.gone', which is not in the set" in said and "'a.unused' is not mapped" in said
+    assert "'a.b' is mapped twice, 'a.stiffness' counts, not 'a.more'" in said
 
 
 @pytest.mark.parametrize(
