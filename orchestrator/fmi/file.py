@@ -285,6 +285,9 @@ def _interface(
     left_out: dict[str, str] = {}
     room = arrays.LARGEST
     for variable, whole in zip(variables, wholes, strict=True):
+        if not variable.name:
+            problem = f"the variable with the value reference {whole.reference} has no name"
+            raise FmuFileError(path, problem, "ask its supplier for a valid FMU")
         definitions.check_variable(path, variable, whole, sizes.declared(variable))
         try:
             found = _ports(variable, whole, sizes, room)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fmus.units import Unit
 from orchestrator.fmi.interface import Interface
@@ -66,7 +66,9 @@ class Assignment:
                 self.notes.append(f"{binding.place}: {twice}")
             sources[entry.target] = entry.source
             nodes = self._targets(path, element, entry.target)
-            self.values |= dict.fromkeys(nodes, Assigned(parameter, f"{binding.place}: {entry.source}", known, entry))
+            for node in nodes:
+                given = self._from_outside(parameter, node) if binding.outside or node[0] != path else parameter
+                self.values[node] = Assigned(given, f"{binding.place}: {entry.source}", known, entry)
             if not nodes:
                 where = ".".join(path) or element.name or "the system"
                 self.notes.append(f"{binding.place}: '{entry.target}' matches nothing in {where}; it is not used")
@@ -74,6 +76,12 @@ class Assignment:
             used = {entry.source for entry in binding.mapping}
             left = [name for name in binding.values if name not in used]
             self.notes += [f"{binding.place}: '{name}' is not mapped, and not used" for name in left]
+
+    def _from_outside(self, parameter: SsvParameter, node: Node) -> SsvParameter:
+        """A value without a unit in that which the component of a system in a file of its own says of its connector."""
+        system = self.flat.systems.get(node[0])
+        connector = system.outside.get(node[1]) if system else None
+        return replace(parameter, unit=connector.unit) if connector and parameter.unit is None else parameter
 
     def _targets(self, path: Path, element: Element, name: str) -> list[Node]:
         """What a name means in an element: connectors of it, and variables of what is in it; all that are called so."""

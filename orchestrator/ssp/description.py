@@ -92,12 +92,14 @@ class Binding:
         place: file and name of the set, for messages.
         units: what the units of the set are, by its own word.
         mapping: None where names are used as they are.
+        outside: whether it stands with the component that a system in a file of its own is for.
     """
 
     place: str
     values: Mapping[str, SsvParameter]
     units: Mapping[str, Unit] = field(default_factory=dict)
     mapping: tuple[MappingEntry, ...] | None = None
+    outside: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,12 +142,14 @@ class SystemElement(Element):
     Attributes:
         dictionaries: names of the signal dictionaries that are defined here -> their entries.
         units: what units are by the word of its file.
+        outside: its connectors by the word of the component that it is for, where it is in a file of its own.
     """
 
     elements: Mapping[str, Element] = field(default_factory=dict)
     connections: tuple[SsdConnection, ...] = ()
     dictionaries: Mapping[str, Mapping[str, Connector]] = field(default_factory=dict)
     units: Mapping[str, Unit] = field(default_factory=dict)
+    outside: Mapping[str, Connector] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,9 @@ class _DescriptionFile:
         else:
             with SspPackage(self.package.unpacked(name), self.package.place(name)) as package:
                 system = _DescriptionFile(package, SYSTEM, inside).description().system
-        return replace(system, name=element.name, bindings=(*system.bindings, *element.bindings))
+        outside = (replace(binding, outside=True) for binding in element.bindings)
+        bindings = (*system.bindings, *outside)
+        return replace(system, name=element.name, bindings=bindings, outside=element.connectors)
 
     def element(self, entry: etree._Element) -> Element:
         """Name, connectors and bindings."""

@@ -101,6 +101,7 @@ def test_a_model_description_that_is_none_is_refused(pendulum: Path, tmp_path: P
         ('valueReference="1"', 'valueReference="4294967296"', "has the value reference 4294967296"),
         ('valueReference="1"', 'valueReference="one"', "invalid literal"),
         ('name="speed"', 'name="angle"', "two variables are called 'angle'"),
+        ('name="angle"', 'name=""', "the variable with the value reference 1 has no name"),
         ('min="0.0"', 'min="low"', "min='low' is no number"),
         ('modelIdentifier="pendulum"', 'modelIdentifier="../../pendulum"', "model identifier '../../pendulum'"),
         ('modelIdentifier="pendulum"', 'modelIdentifier="other"', "has no binary for"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -20,6 +21,7 @@ from tests.support.simulation.ssps import (
     component,
     connection,
     connectors,
+    described,
     gain,
     real,
     system,
@@ -434,3 +436,23 @@ def test_a_mapped_value_goes_through_its_table(tmp_path: Path) -> None:
     wrong = archive(tmp_path / "w.ssp", system([component("a")], before=bound.replace('"25"', '"many"')))
     with pytest.raises(WiringError, match="maps 2 to 'many', no number; correct the mapping"):
         imported(wrong)
+
+
+@pytest.mark.parametrize(("outer", "expected"), [("deg", math.pi / 2), ("rad", 90.0), ("", 90.0)])
+def test_values_for_a_system_in_a_file_are_in_the_units_of_the_component_that_it_is_for(
+    tmp_path: Path, outer: str, expected: float
+) -> None:
+    def connector(unit: str) -> str:
+        typed = f'<ssc:Real unit="{unit}"/>' if unit else "<ssc:Real/>"
+        return f'<ssd:Connectors><ssd:Connector name="u" kind="input">{typed}</ssd:Connector></ssd:Connectors>'
+
+    def part(name: str, more: str) -> str:
+        head = f'<ssd:Component name="{name}" type="application/x-ssp-definition" source="inner.ssd">'
+        return f"{head}{connector(outer)}{more}</ssd:Component>"
+
+    own = bindings(values({"u": real(2)}))
+    inner = system([component("g")], [connection("u", "g.u")], name="inner", before=connector("rad") + own)
+    files = {"resources/gain.fmu": gain("rad"), "inner.ssd": described(inner)}
+    elements = [part("s", ""), part("t", bindings(values({"u": real(90)}))), part("left", "")]
+    path = archive(tmp_path / "m.ssp", system(elements, before=bindings(values({"s.u": real(90)}))), files)
+    assert parameters(path) == {"s__g.u": expected, "t__g.u": expected, "left__g.u": 2.0}
