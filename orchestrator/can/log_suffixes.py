@@ -9,6 +9,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
+from contextlib import suppress
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import BinaryIO
@@ -22,7 +23,7 @@ SHARED = (".csv", ".txt")
 PACKED = ".gz"
 PACKED_PROBLEM = "is packed, as only text logs of CAN frames may be"
 FRAMES = (b"CAN_DataFrame", b"CAN_ErrorFrame", b"CAN_RemoteFrame", b"LIN_Frame", b"FLX_Frame")  # channels of MDF logs
-HEAD = 1 << 16  # bytes that are looked at
+HEAD, PART = 1 << 16, 1 << 8  # bytes that are looked at, and at once: of a damaged file those before the damage
 PLAIN = bytes(32 if octet < 32 and octet != 10 else octet for octet in range(256))  # control characters are blanks
 
 LINES = {
@@ -54,12 +55,11 @@ def opened(path: Path, raw: BinaryIO) -> BinaryIO:
 
 
 def first_lines(path: Path) -> list[str]:
-    """Some of the first lines, none where the file cannot be read."""
-    try:
-        with path.open("rb") as raw, opened(path, raw) as file:
-            head = file.read(HEAD)
-    except (OSError, EOFError, zlib.error):
-        return []
+    """Some of the first lines, those before the place from where the file cannot be read."""
+    head = b""
+    with suppress(OSError, EOFError, zlib.error), path.open("rb") as raw, opened(path, raw) as file:
+        while len(head) < HEAD and (part := file.read(min(PART, HEAD - len(head)))):
+            head += part
     lines = head.translate(PLAIN).decode("utf-8-sig", "replace").split("\n")
     return lines[:-1] if len(head) == HEAD else lines
 

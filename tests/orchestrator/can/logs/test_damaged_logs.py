@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import sqlite3
 import tracemalloc
 from collections import Counter
@@ -38,6 +39,21 @@ def test_a_broken_line_is_located_and_costs_no_other(tmp_path: Path, form: str) 
     missing = set(np.round(frames.time * 1e4).tolist()) - set(np.round(back.time * 1e4).tolist())
     assert len(back) == 39 and len(missing) in (1, 2)  # rounding
     assert [(damage.offset, damage.line) for damage in log.damage] == [(len(b"".join(lines[:place])), place + 1)]
+
+
+@pytest.mark.parametrize("form", TEXT_LOGS)
+def test_a_packed_log_that_is_cut_begins_as_the_whole_one_does(tmp_path: Path, form: str) -> None:
+    logs.write(tmp_path / f"a{form}", [rig_frames(200)])
+    whole = all_of(logs.read(tmp_path / f"a{form}"))
+    packed = gzip.compress((tmp_path / f"a{form}").read_bytes())
+    (tmp_path / f"b{form}.gz").write_bytes(packed[: len(packed) * 2 // 3])
+    log = logs.read(tmp_path / f"b{form}.gz")
+    left = all_of(log)
+    assert 50 < len(left) < len(whole)
+    assert left.time.tolist() == whole.time[: len(left)].tolist()
+    assert left.id.tolist() == whole.id[: len(left)].tolist()
+    assert "cannot be unpacked from about here on" in str(log.damage[0])
+    assert not any("no time stamps" in line for line in log.findings.lines())
 
 
 @pytest.mark.parametrize("form", TEXT_LOGS)
