@@ -45,10 +45,10 @@ def accept(
     document = document_of(found.proposals, set() if dry else {new.file for new in found.written})
     for later in found.failures[1:]:
         terminal.say(str(later))
-    unused = [*document["unused"], *map(str, found.abandoned)]
+    unused = [*(file for proposal in found.proposals for file in proposal.unused), *found.abandoned]
     failure = found.failures[0] if found.failures else None
     shown = list(_accepted(found, dry))
-    return Answer({**document, "unused": unused, "out": str(found.folder)}, shown, failure=failure)
+    return Answer({**document, "unused": unused, "out": found.folder}, shown, failure=failure)
 
 
 def _accepted(found: Acceptance, dry: bool) -> Iterator[Listing | str]:

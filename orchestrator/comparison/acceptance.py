@@ -6,45 +6,17 @@ import shutil
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
-from typing_extensions import TypedDict
-
 from fmus.errors import InputError
 from fmus.files import atomic_writes
 from orchestrator.comparison.proposal import ChangeKind, NewReference, Proposal
 from orchestrator.display import characters
 from orchestrator.display.titles import with_unit
-from orchestrator.measures import Parting
 from orchestrator.processes.interrupts import whole
 from orchestrator.report import Chart, Curve, Panel, Report, Section
 from orchestrator.report.content import CalloutKind
 from orchestrator.results import result_folder, versions, write_json
 
 HEADERS = ("case", "signal", "largest difference", "at [s]", "tolerance", "in tolerances")
-
-
-class ReferenceDocument(TypedDict):
-    """A reference in plain values; `change` is new, agrees, differs, or that it replaces one that is unfit."""
-
-    scenario: str
-    case: str
-    file: str
-    change: str
-    why: str
-    written: bool
-    samples: int
-    kept: int
-    bytes: int
-    signals: Sequence[Parting]
-
-
-class AcceptanceDocument(TypedDict):
-    """What was accepted, as manifest.json holds it."""
-
-    title: str
-    references: list[ReferenceDocument]
-    unused: list[str]
-    doubts: list[str]
-    versions: dict[str, str]
 
 
 def accept_proposals(
@@ -99,25 +71,25 @@ def _check_owners(proposals: Sequence[Proposal]) -> None:
             raise InputError(new.file, f"would be written by {owner} and by {new.scenario}", "rename one of them")
 
 
-def document_of(proposals: Sequence[Proposal], written: Collection[Path]) -> AcceptanceDocument:
-    """What was accepted, as plain values."""
+def document_of(proposals: Sequence[Proposal], written: Collection[Path]) -> dict[str, object]:
+    """What was accepted, as plain values; which references were `written`."""
     return {
         "title": "References",
-        "references": [_document(new, written) for proposal in proposals for new in proposal.references],
-        "unused": [str(file) for proposal in proposals for file in proposal.unused],
+        "references": [_document(new, new.file in written) for proposal in proposals for new in proposal.references],
+        "unused": [file for proposal in proposals for file in proposal.unused],
         "doubts": [f"{proposal.scenario}: {line}" for proposal in proposals for line in proposal.doubts],
         "versions": versions(),
     }
 
 
-def _document(new: NewReference, written: Collection[Path]) -> ReferenceDocument:
+def _document(new: NewReference, written: bool) -> dict[str, object]:
     return {
-        "scenario": str(new.scenario),
+        "scenario": new.scenario,
         "case": new.case,
-        "file": str(new.file),
-        "change": str(new.change),
+        "file": new.file,
+        "change": new.change,
         "why": new.why,
-        "written": new.file in written,
+        "written": written,
         "samples": len(new.run),
         "kept": len(new.kept),
         "bytes": len(new.content),
