@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -11,9 +11,9 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.engine import Order
+from orchestrator.engine import Order, Simulation, Timing
 from orchestrator.trace import FloatArray, Trace
-from tests.support.simulation.scripted import Clock, Gain, Plant, Sampler, Scripted, interface, simulation
+from tests.support.simulation.scripted import Clock, Gain, Plant, Sampler, Scripted, interface, simulation, system
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -294,6 +294,16 @@ def test_times_handed_out_are_the_rounded_multiples_of_the_tick(start: Fraction,
     assert [time for time, *_ in slow.steps] == [float(start + k * every * step) for k in range(12 // every)]
     assert {duration for _, duration, _ in slow.steps} == {float(every * step)}
     assert trace.time.tolist() == [float(start + k * step) for k in range(13)]
+
+
+def test_a_connection_passes_its_factor_times_the_value_and_its_offset() -> None:
+    parts: list[Scripted] = [Clock("clock"), Gain("gain", 1.0)]
+    wired = system(parts, ["clock.y -> gain.u0"])
+    [link] = wired.connections
+    wired = replace(wired, connections=(replace(link, factor=2.0, offset=273.15),))
+    made = Simulation(wired, {part.name: part for part in parts}, Timing(Fraction(1), Fraction(1, 10)))
+    trace = made.run().trace
+    assert trace["gain.y0"][1:] == pytest.approx(2.0 * trace["clock.y"][:-1] + 273.15)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 40])
