@@ -122,7 +122,7 @@ def test_the_error_is_of_the_size_that_was_asked_for(tolerance: float) -> None:
 
 def test_of_large_values_the_tolerance_is_a_share() -> None:
     found = []
-    for size in (1e4, 1e6):
+    for size in (1e3, 1e4):
         stretched = Plant("spring", [[0.0]], [[1.0]], [[9.0], [1.0]], [[0.4], [0.0]], [size])
         found.append(run([stretched, mass()], OSCILLATOR, "1/2", "2", control(1e-4)).account.taken)
     assert found[0] == found[1]
