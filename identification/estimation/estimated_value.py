@@ -16,6 +16,7 @@ from scipy.special import chndtrix, ndtri, stdtrit
 from orchestrator.trace import FloatArray
 
 _FAR = 5.0  # standard deviations, from which only one side counts
+_NEAR = 1e-9  # standard deviations that change nothing: SciPy errs by 2e-6 at squares below normal numbers
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def with_interval(value: float, std: float, dof: float = math.inf, unit: str = "
 
 def _critical(off: float) -> float:
     """What |x| is below in 95 %, x normal about `off` with variance 1."""
-    return math.sqrt(chndtrix(0.95, 1, off**2)) if off < _FAR else off + float(ndtri(0.95))
+    return math.sqrt(chndtrix(0.95, 1, max(off, _NEAR) ** 2)) if off < _FAR else off + float(ndtri(0.95))
 
 
 def estimates(
