@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 import threading
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +25,7 @@ _NEVER_RUN = ("sources/", "documentation/")  # what an FMU may not look for wher
 _lock = threading.Lock()
 _shared: dict[str, Path] = {}  # hash of a file -> where it is unpacked
 _users: Counter[Path] = Counter()
+_given_back: deque[tuple[Path, bool]] = deque()  # and whether for those who open an equal file later
 _keeping = False
 
 
@@ -41,14 +42,17 @@ def take(path: Path, alone: bool) -> Path:
         FmuFileError: see `archive.opened`; what the archive raises where its contents are damaged.
     """
     digest = sha256(path)
-    with _lock:
-        folder = None if alone else _shared.get(digest)
-        if folder is None or not folder.is_dir():
-            folder = _unpack(path)
-            if not alone:
-                _shared[digest] = folder
-        _users[folder] += 1
-    return folder
+    try:
+        with _lock:
+            folder = None if alone else _shared.get(digest)
+            if folder is None or not folder.is_dir():
+                folder = _unpack(path)
+                if not alone:
+                    _shared[digest] = folder
+            _users[folder] += 1
+        return folder
+    finally:
+        _settle()
 
 
 def give_back(folder: Path, again: bool = False) -> None:
@@ -57,14 +61,31 @@ def give_back(folder: Path, again: bool = False) -> None:
     Args:
         again: whether it is still as it was unpacked, for those who open an equal file later.
     """
-    with _lock:
-        _users[folder] -= 1
-        if _users[folder] or (_keeping and again):
-            return
-        del _users[folder]
-        for digest in [known for known, shared in _shared.items() if shared == folder]:
-            del _shared[digest]
-        shutil.rmtree(folder, ignore_errors=True)
+    _given_back.append((folder, again))
+    _settle()
+
+
+def _settle() -> None:
+    """Let go of what was given back, or leave it to whoever is at it.
+
+    That may be this very thread: the garbage collector closes systems that nobody has closed wherever it runs.
+    """
+    while _given_back and _lock.acquire(blocking=False):
+        try:
+            while _given_back:
+                _let_go(*_given_back.popleft())
+        finally:
+            _lock.release()
+
+
+def _let_go(folder: Path, again: bool) -> None:
+    _users[folder] -= 1
+    if _users[folder] or (_keeping and again):
+        return
+    del _users[folder]
+    for digest in [known for known, shared in _shared.items() if shared == folder]:
+        del _shared[digest]
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _unpack(path: Path) -> Path:

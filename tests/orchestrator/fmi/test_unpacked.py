@@ -7,6 +7,7 @@ import sys
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
+from threading import Thread
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -149,3 +150,21 @@ def test_a_process_that_keeps_folders_loads_ours_once_for_all_that_come_one_afte
     monkeypatch.setattr(unpacked, "_keeping", False)
     with FmuFile(ours):
         pass
+
+
+def test_a_folder_can_be_given_back_by_the_thread_that_unpacks_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the garbage collector does, which closes systems that nobody has closed wherever it runs."""
+    path = third_party.reference(2, "Dahlquist")
+    first, unpack = unpacked.take(path, alone=True), unpacked._unpack
+    taken: list[Path] = []
+
+    def forgetful(source: Path) -> Path:
+        unpacked.give_back(first)
+        return unpack(source)
+
+    monkeypatch.setattr(unpacked, "_unpack", forgetful)
+    taking = Thread(target=lambda: taken.append(unpacked.take(path, alone=True)), daemon=True)
+    taking.start()
+    taking.join(60)
+    assert taken and not first.exists()
+    unpacked.give_back(taken[0])
