@@ -53,7 +53,7 @@ OUTPUTS = (
     "Enumeration_output",
     "Boolean_output",
 )
-C_LIMIT = 1.5
+C_LIMIT = {"ring": 1.10, "all": 1.5}  # times the C loop
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def against_c(kind: str, ours: Simulation, by_hand: CLoop) -> list[Figure]:
         Figure(f"our compiled loop, {kind}: a step of an FMU", "-", nanoseconds(times["ours"])),
         Figure(f"hand-written C loop, {kind}", "-", nanoseconds(times["c"])),
         Figure(f"every sample is that of the C loop, {kind}", "yes", "yes" if agreed else "no", agreed),
-        ratio(f"our compiled loop takes, {kind},", times["ours"], times["c"], "the C loop", at_most=C_LIMIT),
+        ratio(f"our compiled loop takes, {kind},", times["ours"], times["c"], "the C loop", at_most=C_LIMIT[kind]),
     ]
 
 
