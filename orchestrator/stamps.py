@@ -13,10 +13,8 @@ from orchestrator.trace import FloatArray, Trace
 
 MIXED = 50  # changes from run to run of stamps in the order of time, for each run: no samples that came late
 LEAST_MIXED = 15  # the same of half as many stamps
-HOLE, RUN = (
-    20,
-    5,
-)  # steps that part what a clock that was put back leaves, and samples of that: no buffer that goes round
+HOLE = 20  # steps that part what a clock that was put back leaves from the rest
+RUN = 5  # samples of what it leaves: no buffer that goes round
 COUNTERS = {
     **{2.0**bits * unit: f"{bits} bits" for bits in (16, 32) for unit in (1.0, 1e-3, 1e-6, 1e-7, 1e-9)},
     86_400.0: "the seconds of a day",

@@ -72,10 +72,20 @@ def test_a_limit_that_nothing_keeps_is_refused(limits: dict[str, float]) -> None
         CaseLimits(**limits)
 
 
-def test_time_counts_from_when_a_process_has_come_to_its_case(tmp_path: Path) -> None:
+def test_time_counts_from_when_a_process_has_come_to_its_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said = LastWords(tmp_path / "words")
     limits, heard = CaseLimits(seconds=100.0), LastWords(tmp_path / "words")
-    assert limits.exceeded(0, heard, time.monotonic() - 101)
+
+    def exceeded(now: float, begun: float) -> bool:
+        monkeypatch.setattr("orchestrator.batch.limits.monotonic", lambda: now)
+        return bool(limits.exceeded(0, heard, begun))
+
+    given = time.monotonic()
+    assert exceeded(given + 101, given) and not exceeded(given + 99, given)
     with said.working_on(3):
-        assert heard.part == 3 and not limits.exceeded(0, heard, time.monotonic() - 101)
-    assert heard.part is None and not limits.exceeded(0, heard, time.monotonic() - 101)
+        come = heard.part_since
+        assert heard.part == 3 and come is not None
+        assert exceeded(come + 101, come - 50) and not exceeded(come + 99, come - 50)
+    left = heard.part_since
+    assert heard.part is None and left is not None
+    assert exceeded(left + 101, left - 50) and not exceeded(left + 99, left - 50)

@@ -122,8 +122,9 @@ def test_safe_values_of_which_the_adapter_never_says_that_it_took_them_are_in_do
             for number in range(20):
                 traffic.send(number * message.every, [0.5], time.monotonic() - start, 0.0)
                 wait_for(partial(keeping.has, number + 1))
-            traffic.end(time.monotonic() - start)
-            assert traffic.report(time.monotonic() - start).unconfirmed == unconfirmed
+            ended = time.monotonic() - start
+            traffic.end(ended)
+            assert traffic.report(ended).unconfirmed == unconfirmed
         wait_for(lambda: unconfirmed or adapter.lines[-1] == b"C")
         assert adapter.lines.count(b"C") == (1 if unconfirmed else 2)  # it stays on the bus, to send what it keeps
 
